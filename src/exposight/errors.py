@@ -1,0 +1,98 @@
+"""The exception tree: everything exposight raises on purpose.
+
+Every message says what was expected, what came, and what to do about it. ::
+
+    ExposightError
+    ├── InputError               a value handed in by the caller cannot be right
+    │   ├── PoseError            not a rigid transform, or a rotation convention nobody named
+    │   ├── FeatureError         a feature, or a part's feature list, makes no sense
+    │   ├── SensorError          a sensor's description, or an exposure it cannot take
+    │   ├── ImageError           frames that are missing, truncated, differently sized or of another depth
+    │   ├── CloudError           a point cloud that is empty or malformed
+    │   └── ObservationError     a table of observations that cannot be learnt from
+    ├── FileError                a file or folder on disk
+    │   ├── MissingFileError     it is not there
+    │   ├── FormatError          it is there and is not what it should be
+    │   ├── DamagedFileError     its checksum or its length says that it was damaged
+    │   └── VersionError         it was written by a newer version of exposight
+    └── NumericalError           arithmetic that cannot go on
+        └── NotPositiveDefiniteError   a covariance matrix has no Cholesky factor
+"""
+
+__all__ = [
+    "CloudError",
+    "DamagedFileError",
+    "ExposightError",
+    "FeatureError",
+    "FileError",
+    "FormatError",
+    "ImageError",
+    "InputError",
+    "MissingFileError",
+    "NotPositiveDefiniteError",
+    "NumericalError",
+    "ObservationError",
+    "PoseError",
+    "SensorError",
+    "VersionError",
+]
+
+
+class ExposightError(Exception):
+    """Base of everything exposight raises on purpose."""
+
+
+class InputError(ExposightError):
+    """A value handed in by the caller cannot be right."""
+
+
+class PoseError(InputError):
+    """Not a rigid transform, or a rotation convention that nobody named."""
+
+
+class FeatureError(InputError):
+    """A feature, or a part's list of features, makes no sense."""
+
+
+class SensorError(InputError):
+    """A sensor's description is wrong, or it is asked for an exposure it cannot take."""
+
+
+class ImageError(InputError):
+    """Frames are missing, truncated, differently sized, or of another depth than announced."""
+
+
+class CloudError(InputError):
+    """A point cloud is empty or malformed."""
+
+
+class ObservationError(InputError):
+    """A table of observations cannot be learnt from."""
+
+
+class FileError(ExposightError):
+    """A file or folder on disk cannot be used."""
+
+
+class MissingFileError(FileError):
+    """A file or folder is not there."""
+
+
+class FormatError(FileError):
+    """A file is there and is not what it should be."""
+
+
+class DamagedFileError(FileError):
+    """A file's checksum or length says that it was damaged after it was written."""
+
+
+class VersionError(FileError):
+    """A file was written by a newer version of exposight."""
+
+
+class NumericalError(ExposightError):
+    """Arithmetic cannot go on."""
+
+
+class NotPositiveDefiniteError(NumericalError):
+    """A covariance matrix has no Cholesky factor, even with the largest allowed jitter."""
