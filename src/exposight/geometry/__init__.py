@@ -1,0 +1,45 @@
+"""Pure geometry: rigid transforms, pinhole cameras, hollow cylinders. No sensor in it."""
+
+from exposight.geometry.calibration_files import (
+    KNOWN_KEYS,
+    CalibrationKeys,
+    OpenCVFile,
+    ProjectorCamera,
+    read_opencv_file,
+    read_projector_camera,
+    read_ros_camera_info,
+)
+from exposight.geometry.cameras import PinholeCamera
+from exposight.geometry.cylinders import (
+    HollowCylinder,
+    PixelBox,
+    count_points_inside,
+    pixel_box,
+    ring_pixels,
+)
+from exposight.geometry.poses import (
+    RigidTransform,
+    check_points,
+    check_rotation,
+    rotation_facing,
+)
+
+__all__ = [
+    "KNOWN_KEYS",
+    "CalibrationKeys",
+    "HollowCylinder",
+    "OpenCVFile",
+    "PinholeCamera",
+    "PixelBox",
+    "ProjectorCamera",
+    "RigidTransform",
+    "check_points",
+    "check_rotation",
+    "count_points_inside",
+    "pixel_box",
+    "read_opencv_file",
+    "read_projector_camera",
+    "read_ros_camera_info",
+    "ring_pixels",
+    "rotation_facing",
+]

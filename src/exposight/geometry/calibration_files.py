@@ -1,0 +1,364 @@
+"""Calibrations as users bring them: OpenCV's YAML and XML, and ROS ``camera_info``.
+
+OpenCV's own parser reads all of them, also files that start with a ``%YAML:`` line, at which
+ordinary YAML readers stop. No two programs name their nodes alike, so the caller names them;
+`CalibrationKeys` holds such a naming and `KNOWN_KEYS` those met so far.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from exposight.errors import FormatError, MissingFileError, PoseError, SensorError
+from exposight.geometry.cameras import PinholeCamera
+from exposight.geometry.poses import RigidTransform
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationKeys:
+    """The names of the nodes that hold a camera and a projector in an OpenCV file.
+
+    The four size entries are either one node of a number each, or, where two of them name the same
+    node, a matrix that holds height and width.
+    """
+
+    camera_matrix: str
+    camera_distortion: str
+    projector_matrix: str
+    projector_distortion: str
+    rotation: str
+    translation_mm: str
+    camera_size: tuple[str, str]
+    """Nodes of the image's width and height, or the same node twice for a (height, width) pair."""
+    projector_size: tuple[str, str] | None = None
+    """The same for the projector; None where the file does not say."""
+
+
+KNOWN_KEYS: Mapping[str, CalibrationKeys] = {
+    "slstudio": CalibrationKeys(
+        camera_matrix="Kc",
+        camera_distortion="kc",
+        projector_matrix="Kp",
+        projector_distortion="kp",
+        rotation="Rp",
+        translation_mm="Tp",
+        camera_size=("frameWidth", "frameHeight"),
+        projector_size=("screenResX", "screenResY"),
+    ),
+    "procam-calibration": CalibrationKeys(
+        camera_matrix="cam_int",
+        camera_distortion="cam_dist",
+        projector_matrix="proj_int",
+        projector_distortion="proj_dist",
+        rotation="roration",  # so spelled by the program that writes it
+        translation_mm="translation",
+        camera_size=("img_shape", "img_shape"),
+    ),
+}
+"""Namings met in the wild: SLStudio, and procam-calibration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProjectorCamera:
+    """A calibrated camera and projector.
+
+    Parameters
+    ----------
+    camera, projector : PinholeCamera
+        Intrinsic parameters; the projector is a camera with its light running the other way.
+    projector_from_camera : RigidTransform
+        Extrinsic parameters, mm.
+    """
+
+    camera: PinholeCamera
+    projector: PinholeCamera
+    projector_from_camera: RigidTransform
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenCVFile:
+    """The nodes of an OpenCV YAML or XML file: matrices as float64 arrays, numbers, text."""
+
+    path: Path
+    nodes: Mapping[str, NDArray[np.float64] | float | str]
+
+    def matrix(self, key: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+        """Return a node as an array.
+
+        Parameters
+        ----------
+        key : str
+            The node's name.
+        shape : tuple of int, optional
+            The shape it must have.
+
+        Raises
+        ------
+        FormatError
+            If the node is missing, is not numbers, or has another shape.
+        """
+        node = self._node(key)
+        if isinstance(node, str):
+            msg = f"{self.path}: node '{key}' must be numbers, got the text {node!r}"
+            raise FormatError(msg)
+        array = np.asarray(node, dtype=np.float64)
+        if shape is not None and array.shape != shape:
+            msg = f"{self.path}: node '{key}' must have shape {shape}, got {array.shape}"
+            raise FormatError(msg)
+        return array
+
+    def number(self, key: str) -> float:
+        """Return a node that is one number; errors as for `matrix`."""
+        array = self.matrix(key)
+        if array.size != 1:
+            msg = f"{self.path}: node '{key}' must be one number, got shape {array.shape}"
+            raise FormatError(msg)
+        return float(array.reshape(-1)[0])
+
+    def whole_number(self, key: str) -> int:
+        """Return a node that is one integer; errors as for `matrix`."""
+        return self._whole(key, self.number(key))
+
+    def whole_pair(self, key: str) -> tuple[int, int]:
+        """Return a node that is two integers; errors as for `matrix`."""
+        array = self.matrix(key).reshape(-1)
+        if array.size != 2:
+            msg = f"{self.path}: node '{key}' must be two numbers, got {array.size}"
+            raise FormatError(msg)
+        return self._whole(key, array[0]), self._whole(key, array[1])
+
+    def _whole(self, key: str, number: float) -> int:
+        if not float(number).is_integer():
+            msg = f"{self.path}: node '{key}' must be whole, got {number}"
+            raise FormatError(msg)
+        return int(number)
+
+    def _node(self, key: str) -> NDArray[np.float64] | float | str:
+        if key not in self.nodes:
+            msg = (
+                f"{self.path}: no node '{key}'; the file has {', '.join(self.nodes) or 'none'}. "
+                "Name the nodes as the file does, or calibrate again"
+            )
+            raise FormatError(msg)
+        return self.nodes[key]
+
+
+def read_opencv_file(path: str | Path) -> OpenCVFile:
+    """Read an OpenCV YAML or XML file, with or without a ``%YAML:`` line.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    OpenCVFile
+        Matrices are float64; nested maps become ``outer.inner``.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If OpenCV cannot parse it or it holds no node.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"{path}: no such calibration file"
+        raise MissingFileError(msg)
+    text = path.read_text(encoding="utf-8", errors="replace").lstrip("\ufeff").lstrip()
+    if not text.startswith(("<", "%YAML", "{")):
+        text = _opencv_yaml(text)
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        root = storage.root()
+        nodes = dict(_walk(root, "")) if root.isMap() else {}
+    except (cv2.error, SystemError, UnicodeDecodeError) as error:
+        reason = str(error.__cause__ or error).strip().rpartition("in function '")[2].rstrip("'")
+        msg = f"{path}: not an OpenCV YAML or XML file ({reason})"
+        raise FormatError(msg) from error
+    if not nodes:
+        msg = f"{path}: expected an OpenCV YAML or XML file with matrices, found no node in it"
+        raise FormatError(msg)
+    return OpenCVFile(path=path, nodes=nodes)
+
+
+def _opencv_yaml(text: str) -> str:
+    """Turn plain YAML, as ROS and others write it, into what OpenCV's parser takes.
+
+    The parser wants its own header, one document, where a message dump is a stream of them, and
+    the items of a list further in than the list's key, where most writers put them beneath it.
+    """
+    first = text.removeprefix("---").lstrip().partition("\n---")[0]
+    return "%YAML:1.0\n---\n" + re.sub(r"^( *)- ", r"\1  - ", first, flags=re.MULTILINE) + "\n"
+
+
+def _walk(node: cv2.FileNode, prefix: str) -> list[tuple[str, NDArray[np.float64] | float | str]]:
+    found: list[tuple[str, NDArray[np.float64] | float | str]] = []
+    for key in node.keys():  # noqa: SIM118  (an OpenCV node, not a mapping)
+        child = node.getNode(key)
+        name = f"{prefix}{key}"
+        if child.isMap():
+            matrix = child.mat() if _is_matrix(child) else None
+            if matrix is not None:
+                found.append((name, np.asarray(matrix, dtype=np.float64)))
+            else:
+                found.extend(_walk(child, f"{name}."))
+        elif child.isSeq():
+            items = [child.at(i) for i in range(child.size())]
+            if all(item.isReal() or item.isInt() for item in items):
+                found.append((name, np.array([item.real() for item in items])))
+            else:
+                found.append((name, "a list with more in it than numbers"))
+        elif child.isString():
+            found.append((name, child.string()))
+        elif child.isReal() or child.isInt():
+            found.append((name, float(child.real())))
+    return found
+
+
+def _is_matrix(node: cv2.FileNode) -> bool:
+    keys = set(node.keys())
+    # OpenCV 5 gives arrays of other than two dimensions a list of sizes.
+    return {"dt", "data"} <= keys and ({"rows", "cols"} <= keys or "sizes" in keys)
+
+
+def read_projector_camera(
+    path: str | Path,
+    keys: CalibrationKeys | None = None,
+    *,
+    projector_size: tuple[int, int] | None = None,
+) -> ProjectorCamera:
+    """Read a camera, a projector and the transform between them from one OpenCV file.
+
+    Parameters
+    ----------
+    path : path
+        OpenCV YAML or XML.
+    keys : CalibrationKeys, optional
+        How the file names its nodes; by default the one of `KNOWN_KEYS` whose camera or projector
+        matrix the file holds.
+    projector_size : (int, int), px, optional
+        The projector's width and height, needed where the file does not hold them.
+
+    Raises
+    ------
+    MissingFileError, FormatError
+        If the file or a node is missing or malformed.
+    PoseError
+        If the rotation is none.
+    """
+    file = read_opencv_file(path)
+    keys = keys or _recognise(file)
+    if projector_size is None:
+        if keys.projector_size is None:
+            msg = f"{file.path}: the projector's size is not in the file; give it (width, height)"
+            raise FormatError(msg)
+        projector_size = _size(file, keys.projector_size)
+    camera_size = _size(file, keys.camera_size)
+    rotation = file.matrix(keys.rotation, (3, 3))
+    translation_mm = file.matrix(keys.translation_mm)
+    try:
+        projector_from_camera = RigidTransform(rotation=rotation, translation_mm=translation_mm)
+    except PoseError as error:
+        msg = f"{file.path}: {error}"
+        raise PoseError(msg) from error
+    return ProjectorCamera(
+        camera=_camera(file, keys.camera_matrix, keys.camera_distortion, camera_size),
+        projector=_camera(file, keys.projector_matrix, keys.projector_distortion, projector_size),
+        projector_from_camera=projector_from_camera,
+    )
+
+
+def _camera(file: OpenCVFile, matrix: str, distortion: str, size: tuple[int, int]) -> PinholeCamera:
+    numbers = file.matrix(matrix)
+    if numbers.size != 9:  # a ROS message lists them row by row
+        msg = f"{file.path}: node '{matrix}' must be 3×3 or 9 numbers, got shape {numbers.shape}"
+        raise FormatError(msg)
+    coefficients = file.matrix(distortion)
+    try:
+        return PinholeCamera.from_matrix(
+            numbers.reshape(3, 3), width=size[0], height=size[1], distortion=coefficients
+        )
+    except SensorError as error:
+        msg = f"{file.path}: {error}"
+        raise FormatError(msg) from error
+
+
+def _recognise(file: OpenCVFile) -> CalibrationKeys:
+    for keys in KNOWN_KEYS.values():
+        if {keys.camera_matrix, keys.projector_matrix} & set(file.nodes):
+            return keys
+    known = "; ".join(
+        f"{name}: {keys.camera_matrix}, {keys.projector_matrix}, …"
+        for name, keys in KNOWN_KEYS.items()
+    )
+    msg = (
+        f"{file.path}: expected a camera and a projector named as by a known program ({known}), "
+        f"got {', '.join(file.nodes)}; say which node is which with CalibrationKeys"
+    )
+    raise FormatError(msg)
+
+
+def _size(file: OpenCVFile, keys: tuple[str, str]) -> tuple[int, int]:
+    if keys[0] == keys[1]:
+        height, width = file.whole_pair(keys[0])
+        return width, height
+    return file.whole_number(keys[0]), file.whole_number(keys[1])
+
+
+_ROS_NAMES = {
+    "width": ("image_width", "width"),
+    "height": ("image_height", "height"),
+    "matrix": ("camera_matrix.data", "camera_matrix", "K", "k"),
+    "distortion": ("distortion_coefficients.data", "distortion_coefficients", "D", "d"),
+}
+_ROS_MODELS = {"plumb_bob", "rational_polynomial", "none", ""}
+
+
+def read_ros_camera_info(path: str | Path) -> PinholeCamera:
+    """Read a ROS ``camera_info`` file, as ``camera_calibration`` or a dumped message writes it.
+
+    Parameters
+    ----------
+    path : path
+        YAML with ``image_width``, ``image_height``, ``camera_matrix`` and
+        ``distortion_coefficients``, or with a message's ``width``, ``height``, ``K``, ``D``.
+
+    Raises
+    ------
+    MissingFileError, FormatError
+        If the file or a key is missing, or the distortion model is not a pinhole lens's.
+    """
+    file = read_opencv_file(path)
+    model = str(file.nodes.get("distortion_model", ""))
+    if model not in _ROS_MODELS:
+        msg = (
+            f"{file.path}: distortion model '{model}' is not a pinhole lens's; expected "
+            "'plumb_bob' or 'rational_polynomial'"
+        )
+        raise FormatError(msg)
+    size = _size(file, (_ros_key(file, "width"), _ros_key(file, "height")))
+    return _camera(file, _ros_key(file, "matrix"), _ros_key(file, "distortion"), size)
+
+
+def _ros_key(file: OpenCVFile, name: str) -> str:
+    for key in _ROS_NAMES[name]:
+        if key in file.nodes:
+            return key
+    keys = dict.fromkeys(key.removesuffix(".data") for key in _ROS_NAMES[name])
+    expected = "' or '".join(keys)
+    msg = f"{file.path}: no key '{expected}'; the file has {', '.join(file.nodes)}"
+    raise FormatError(msg)

@@ -1,0 +1,458 @@
+"""Hollow cylinders: which points are inside, and which pixels their ring covers."""
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as st_numpy
+
+from exposight.errors import CloudError, FeatureError
+from exposight.geometry import (
+    HollowCylinder,
+    PinholeCamera,
+    PixelBox,
+    RigidTransform,
+    count_points_inside,
+    pixel_box,
+    ring_pixels,
+)
+
+LAW = settings(max_examples=60, deadline=None)
+
+BORDER_MM = 1e-4
+"""Points nearer to a border than this are not asked about: float32 at 1 m resolves 6e-5 mm."""
+
+CIRCLE = HollowCylinder(inner_mm=13.0, outer_mm=15.0, height_mm=20.0)
+FULL = HollowCylinder(inner_mm=0.0, outer_mm=12.0, height_mm=20.0)
+SLOT = HollowCylinder(inner_mm=8.0, outer_mm=10.0, height_mm=20.0, core_half_size_mm=(15.0, 0.0))
+POCKET = HollowCylinder(
+    inner_mm=5.0, outer_mm=9.0, height_mm=20.0, core_half_size_mm=(14.0, 6.0), plane_z_mm=2.5
+)
+CYLINDERS = {"circle": CIRCLE, "full": FULL, "slot": SLOT, "pocket": POCKET}
+every_cylinder = pytest.mark.parametrize("cylinder", CYLINDERS.values(), ids=CYLINDERS.keys())
+any_cylinder = st.sampled_from(list(CYLINDERS.values()))
+
+LENSES = {
+    "pinhole": (),
+    "barrel": (-0.31, 0.14, -0.0007, 0.0011, -0.03),
+    "pincushion": (0.45, 0.3, 0.002, -0.001),
+    "tilted": (-0.2, 0.05, 0.001, 0.001, 0, 0, 0, 0, 0.004, 0, -0.003, 0, 0.05, -0.08),
+}
+every_lens = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+
+
+def camera_with(lens, **changes):
+    sizes = {"width": 320, "height": 240, "fx": 400.0, "fy": 410.0, "cx": 158.3, "cy": 121.6}
+    return PinholeCamera(**(sizes | changes), distortion=lens)
+
+
+def pose(x_mm, y_mm, z_mm, w_deg=0.0, p_deg=0.0, r_deg=0.0):
+    return RigidTransform.from_fanuc_wpr([x_mm, y_mm, z_mm], w_deg, p_deg, r_deg)
+
+
+POSES = {
+    "facing": pose(3.1, -2.2, 300.0),
+    "tilted": pose(-40.0, 25.0, 280.0, 30.0, -25.0, 70.0),
+    "steep": pose(10.0, 5.0, 260.0, 5.0, 84.0, 10.0),
+    "partly outside": pose(115.0, -78.0, 290.0, 10.0, 5.0, 33.0),
+    "tiny": pose(20.0, 10.0, 4000.0, 12.0, 8.0, -20.0),
+}
+every_pose = pytest.mark.parametrize("camera_from_feature", POSES.values(), ids=POSES.keys())
+
+
+def distance_to_core_mm(cylinder, xy):
+    half_size = np.array(cylinder.core_half_size_mm)
+    return np.linalg.norm(xy - np.clip(xy, -half_size, half_size), axis=1)
+
+
+def margin_mm(cylinder, points):
+    """Distance of each point to the nearest of the surfaces that bound the region."""
+    radius = distance_to_core_mm(cylinder, points[:, :2])
+    along = np.abs(points[:, 2] - cylinder.plane_z_mm)
+    bounds = [
+        radius - cylinder.inner_mm,
+        radius - cylinder.outer_mm,
+        along - cylinder.height_mm / 2,
+    ]
+    return np.abs(bounds).min(axis=0)
+
+
+@cache
+def rays_by_opencv(camera):
+    v, u = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=-1).astype(np.float64)
+    until_exact = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
+    return cv2.undistortPoints(
+        pixels[:, None], camera.matrix, np.array(camera.distortion), criteria=until_exact
+    )[:, 0]
+
+
+def covered_by_brute_force(cylinder, camera, camera_from_feature):
+    """Masks of all pixels whose ray meets the ring, and of those too near its border to tell.
+
+    Where a ray t·(x, y, 1) meets the plane o + a·x + b·y, (a, b, 1) / t solves a linear system.
+    """
+    origin = camera_from_feature.apply([0, 0, cylinder.plane_z_mm])
+    camera_from_plane = np.column_stack([camera_from_feature.rotation[:, :2], origin])
+    rays = cv2.convertPointsToHomogeneous(rays_by_opencv(camera))[:, 0]
+    a, b, one_over_t = np.linalg.solve(camera_from_plane, rays.T)
+    plane_mm = np.column_stack([a, b]) / one_over_t[:, None]
+    radius = distance_to_core_mm(cylinder, plane_mm)
+    covered = (one_over_t > 0) & (radius >= cylinder.inner_mm) & (radius <= cylinder.outer_mm)
+    doubtful = np.minimum(np.abs(radius - cylinder.inner_mm), np.abs(radius - cylinder.outer_mm))
+    shape = (camera.height, camera.width)
+    return covered.reshape(shape), (doubtful < BORDER_MM).reshape(shape)
+
+
+def mask(camera, rows, columns):
+    covered = np.zeros((camera.height, camera.width), dtype=bool)
+    covered[rows, columns] = True
+    return covered
+
+
+# -- points inside ------------------------------------------------------------------------------
+
+
+def test_contains_agrees_with_a_mesh_of_the_hollow_cylinder():
+    sections = 720
+    mesh = trimesh.creation.annulus(13.0, 15.0, 20.0, sections=sections)
+    points = np.random.default_rng(3).uniform(-17, 17, (4000, 3))
+    sagitta_mm = 15.0 * (1 - np.cos(np.pi / sections))
+    clear = margin_mm(CIRCLE, points) > 2 * sagitta_mm
+    np.testing.assert_array_equal(CIRCLE.contains(points[clear]), mesh.contains(points[clear]))
+
+
+@every_cylinder
+def test_contains_goes_by_the_distance_to_the_core(cylinder):
+    points = np.random.default_rng(4).uniform([-32, -24, -14], [32, 24, 14], (3000, 3))
+    radius = distance_to_core_mm(cylinder, points[:, :2])
+    expected = (cylinder.inner_mm <= radius) & (radius <= cylinder.outer_mm)
+    expected &= np.abs(points[:, 2] - cylinder.plane_z_mm) <= 10.0
+    clear = margin_mm(cylinder, points) > BORDER_MM
+    np.testing.assert_array_equal(cylinder.contains(points)[clear], expected[clear])
+
+
+def test_a_pocket_is_bounded_by_opencvs_distance_to_a_rectangle():
+    corners = np.array([[-14, -6], [14, -6], [14, 6], [-14, 6]], dtype=np.float32)
+    xy = np.random.default_rng(8).uniform([-26, -18], [26, 18], (1000, 2))
+    distance = np.array([-cv2.pointPolygonTest(corners, point, True) for point in xy])
+    clear = np.minimum(np.abs(distance - 5.0), np.abs(distance - 9.0)) > BORDER_MM
+    expected = (distance >= 5.0) & (distance <= 9.0)
+    inside = POCKET.contains(np.column_stack([xy, np.zeros(1000)]))
+    np.testing.assert_array_equal(inside[clear], expected[clear])
+
+
+@pytest.mark.parametrize(
+    ("point", "inside"),
+    [
+        ((13, 0, 0), True),
+        ((0, -15, 0), True),
+        ((14, 0, 10), True),
+        ((14, 0, -10), True),
+        ((12.999, 0, 0), False),
+        ((15.001, 0, 0), False),
+        ((14, 0, 10.001), False),
+        ((0, 0, 0), False),
+    ],
+)
+def test_borders_belong_to_the_region(point, inside):
+    assert CIRCLE.contains(point) == inside
+
+
+def test_the_rings_plane_may_lie_off_the_features_origin():
+    assert POCKET.contains([[20, 0, 12.4], [20, 0, -7.4], [20, 0, -7.6]]).tolist() == [1, 1, 0]
+
+
+def test_missing_points_are_outside():
+    assert not FULL.contains([[np.nan] * 3, [0, 0, np.nan], [np.nan, 0, 0]]).any()
+
+
+def test_contains_keeps_the_shape_of_an_organised_cloud():
+    assert CIRCLE.contains(np.zeros((4, 5, 3))).shape == (4, 5)
+
+
+@every_cylinder
+def test_nothing_inside_lies_beyond_the_bounding_radius(cylinder):
+    points = np.random.default_rng(5).uniform(-40, 40, (5000, 3))
+    inside = points[cylinder.contains(points)]
+    assert np.linalg.norm(inside, axis=1).max() <= cylinder.bounding_radius_mm
+
+
+# -- counting points ----------------------------------------------------------------------------
+
+coordinates = st.floats(-40.0, 40.0, width=32)
+clouds = st_numpy.arrays(
+    np.float32, st.tuples(st.integers(0, 40), st.just(3)), elements=coordinates
+)
+
+
+@LAW
+@given(any_cylinder, clouds, st.sampled_from(list(POSES.values())))
+def test_counting_agrees_with_contains(cylinder, near_feature, camera_from_feature):
+    points = camera_from_feature.apply(near_feature).astype(np.float32)
+    local = camera_from_feature.inverse().apply(points)
+    if len(local):
+        clear = margin_mm(cylinder, local) > BORDER_MM
+        points, local = points[clear], local[clear]
+    expected = int(cylinder.contains(local).sum())
+    assert count_points_inside(cylinder, points, camera_from_feature) == expected
+
+
+@LAW
+@given(any_cylinder, clouds, st.integers(0, 2), st.sampled_from(list(POSES.values())))
+def test_points_with_a_missing_coordinate_never_count(cylinder, cloud, axis, camera_from_feature):
+    points = camera_from_feature.apply(cloud).astype(np.float32)
+    points[:, axis] = np.nan
+    assert count_points_inside(cylinder, points, camera_from_feature) == 0
+
+
+def test_an_organised_cloud_counts_as_its_points_do():
+    points = np.random.default_rng(6).uniform(-20, 20, (24, 3)).astype(np.float32)
+    listed = count_points_inside(FULL, points, RigidTransform())
+    assert listed > 0
+    assert count_points_inside(FULL, points.reshape(4, 6, 3), RigidTransform()) == listed
+
+
+def test_a_window_of_a_larger_cloud_can_be_counted():
+    cloud = np.zeros((10, 10, 3), dtype=np.float32)
+    assert count_points_inside(FULL, cloud[2:5, 3:9], RigidTransform()) == 18
+
+
+@pytest.mark.parametrize("shape", [(5, 2), (3,), (2, 5, 4), (1, 2, 5, 3)])
+def test_a_cloud_of_another_shape_is_refused(shape):
+    with pytest.raises(CloudError, match=r"\(rows, columns, 3\) or \(n, 3\), got shape"):
+        count_points_inside(FULL, np.zeros(shape, dtype=np.float32), RigidTransform())
+
+
+def test_contains_refuses_points_of_another_shape():
+    with pytest.raises(CloudError, match=r"points must be .*got shape \(3, 5\)"):
+        FULL.contains(np.zeros((3, 5)))
+
+
+# -- the outline --------------------------------------------------------------------------------
+
+
+@every_cylinder
+def test_the_outline_goes_closely_round_the_border(cylinder):
+    polygon = cylinder.outline()
+    radius = distance_to_core_mm(cylinder, polygon[:, :2])
+    assert radius.min() >= cylinder.outer_mm * (1 - 1e-12)
+    assert radius.max() <= cylinder.outer_mm * 1.0005
+    np.testing.assert_array_equal(polygon[:, 2], cylinder.plane_z_mm)
+
+
+@every_cylinder
+def test_the_outlines_area_is_that_of_the_rounded_rectangle(cylinder):
+    x, y, _ = cylinder.outline().T
+    area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))  # shoelace; positive: one turn
+    a, b = np.multiply(2, cylinder.core_half_size_mm)
+    r = cylinder.outer_mm
+    exact = a * b + 2 * (a + b) * r + np.pi * r**2
+    assert exact < area < 1.0003 * exact
+
+
+def test_an_outline_may_lie_at_another_height():
+    np.testing.assert_array_equal(SLOT.outline(z_mm=-10.0)[:, 2], -10.0)
+
+
+# -- the ring's pixels --------------------------------------------------------------------------
+
+
+@every_cylinder
+@every_lens
+@every_pose
+def test_ring_pixels_agree_with_brute_force(cylinder, lens, camera_from_feature):
+    camera = camera_with(lens)
+    covered = mask(camera, *ring_pixels(cylinder, camera, camera_from_feature))
+    expected, doubtful = covered_by_brute_force(cylinder, camera, camera_from_feature)
+    np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
+
+
+def test_pixels_come_in_row_major_order_without_doubles():
+    rows, columns = ring_pixels(CIRCLE, camera_with(LENSES["barrel"]), POSES["tilted"])
+    position = rows * 320 + columns
+    assert len(position) > 100
+    assert (np.diff(position) > 0).all()
+
+
+@pytest.mark.parametrize("hole_radius_mm", [3.0, 8.0, 30.0])
+def test_facing_rings_cover_their_projected_area_on_average(hole_radius_mm):
+    ring = HollowCylinder(inner_mm=hole_radius_mm + 3, outer_mm=hole_radius_mm + 5, height_mm=20.0)
+    camera = camera_with((), fx=800.0, fy=820.0)
+    offsets_mm = np.random.default_rng(7).uniform(-10, 10, (400, 2))
+    counts = [ring_pixels(ring, camera, pose(x, y, 600.0))[0].size for x, y in offsets_mm]
+    scale = 800.0 * 820.0 / 600.0**2
+    area_px = np.pi * (ring.outer_mm**2 - ring.inner_mm**2) * scale
+    # Four standard errors: the lattice alone makes a single count vary.
+    assert np.mean(counts) == pytest.approx(area_px, abs=4 * np.std(counts) / 20)
+    assert np.mean(counts) == pytest.approx(area_px, rel=0.005)
+
+
+@pytest.mark.parametrize("tilt_deg", [20.0, 45.0, 60.0])
+def test_far_tilted_rings_shrink_by_the_cosine(tilt_deg):
+    camera = camera_with((), fx=4e5, fy=4e5)  # from so far away perspective is gone
+    facing = ring_pixels(CIRCLE, camera, pose(0, 0, 60000.0))[0].size
+    tilted = ring_pixels(CIRCLE, camera, pose(0, 0, 60000.0, p_deg=tilt_deg))[0].size
+    assert tilted / facing == pytest.approx(np.cos(np.radians(tilt_deg)), rel=0.01)
+
+
+@LAW
+@given(st.floats(-180.0, 180.0))
+def test_a_circular_ring_does_not_see_turns_about_its_axis(angle_deg):
+    camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
+    turned = camera_from_feature @ pose(0, 0, 0, r_deg=angle_deg)
+    before = ring_pixels(CIRCLE, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_pixels(CIRCLE, camera, turned), before)
+
+
+def test_a_slot_turned_by_half_a_turn_is_the_same_slot():
+    camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
+    turned = camera_from_feature @ pose(0, 0, 0, r_deg=180.0)
+    before = ring_pixels(SLOT, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_pixels(SLOT, camera, turned), before)
+
+
+def test_a_slot_turned_by_a_quarter_is_a_slot_along_y():
+    along_y = HollowCylinder(
+        inner_mm=8.0, outer_mm=10.0, height_mm=20.0, core_half_size_mm=(0.0, 15.0)
+    )
+    camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
+    turned = camera_from_feature @ pose(0, 0, 0, r_deg=90.0)
+    expected = ring_pixels(along_y, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_pixels(SLOT, camera, turned), expected)
+
+
+def test_the_ring_lies_in_its_plane():
+    raised = HollowCylinder(inner_mm=13.0, outer_mm=15.0, height_mm=20.0, plane_z_mm=7.0)
+    camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
+    moved = camera_from_feature @ pose(0, 0, 7.0)
+    expected = ring_pixels(CIRCLE, camera, moved)
+    np.testing.assert_array_equal(ring_pixels(raised, camera, camera_from_feature), expected)
+
+
+@every_cylinder
+@every_lens
+def test_a_perfect_plate_gives_as_many_points_as_pixels(cylinder, lens):
+    camera, camera_from_feature = camera_with(lens), POSES["tilted"]
+    normal = camera_from_feature.z_axis
+    rays = np.concatenate([camera.rays(), np.ones((camera.height, camera.width, 1))], axis=-1)
+    plane = normal @ camera_from_feature.apply([0, 0, cylinder.plane_z_mm])
+    cloud = (rays * (plane / (rays @ normal))[..., None]).astype(np.float32)
+    n_pixels = ring_pixels(cylinder, camera, camera_from_feature)[0].size
+    assert n_pixels > 200
+    # float32 may move a point in a thousand across a border.
+    n_points = count_points_inside(cylinder, cloud, camera_from_feature)
+    assert n_points == pytest.approx(n_pixels, rel=1e-3)
+
+
+# -- rings at the edges -------------------------------------------------------------------------
+
+
+@every_lens
+def test_a_ring_partly_outside_is_cut_at_the_frame(lens):
+    camera_from_feature = POSES["partly outside"]
+    small = camera_with(lens)
+    wide = camera_with(lens, width=520, height=440, cx=small.cx + 100, cy=small.cy + 100)
+    cut = mask(small, *ring_pixels(CIRCLE, small, camera_from_feature))
+    whole = mask(wide, *ring_pixels(CIRCLE, wide, camera_from_feature))
+    assert 0 < cut.sum() < whole.sum()
+    np.testing.assert_array_equal(cut, whole[100:340, 100:420])
+
+
+@every_lens
+@pytest.mark.parametrize(
+    "camera_from_feature",
+    [pose(500, 0, 300), pose(0, -500, 300), pose(0, 0, -300), pose(0, 0, 0)],
+    ids=["right of the frame", "above the frame", "behind", "at the camera"],
+)
+def test_a_ring_that_is_not_seen_has_no_pixels(lens, camera_from_feature):
+    rows, columns = ring_pixels(CIRCLE, camera_with(lens), camera_from_feature)
+    assert rows.size == columns.size == 0
+    assert rows.dtype == columns.dtype == np.int64
+
+
+@every_cylinder
+@pytest.mark.parametrize("x_mm", [0.0, 5.0, -5.0])
+def test_a_region_seen_edge_on_has_no_pixels_on_parallel_rays(cylinder, x_mm):
+    edge_on = RigidTransform(
+        rotation=[[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+        translation_mm=[x_mm - cylinder.plane_z_mm, 0, 300],
+    )
+    camera = camera_with((), cx=158.0, cy=121.0)  # its column 158 runs parallel to the plane
+    _, columns = ring_pixels(cylinder, camera, edge_on)
+    assert 158 not in columns
+
+
+@every_lens
+@pytest.mark.parametrize("p_deg", [80.0, 89.0])
+def test_of_a_ring_partly_behind_the_camera_the_rest_is_seen(lens, p_deg):
+    camera = camera_with(lens)
+    large = HollowCylinder(inner_mm=100.0, outer_mm=300.0, height_mm=20.0)
+    camera_from_feature = pose(-30.0, 0.0, 100.0, p_deg=p_deg)
+    assert (camera_from_feature.apply(large.outline())[:, 2] < 0).any()
+    covered = mask(camera, *ring_pixels(large, camera, camera_from_feature))
+    expected, doubtful = covered_by_brute_force(large, camera, camera_from_feature)
+    assert covered.sum() > 100
+    np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
+
+
+def test_a_region_whose_outline_the_lens_does_not_reach_fills_the_frame():
+    plate = HollowCylinder(inner_mm=0.0, outer_mm=5000.0, height_mm=20.0)
+    camera = camera_with((-0.3, 0, 0, 0))
+    assert ring_pixels(plate, camera, pose(0, 0, 300.0))[0].size == camera.width * camera.height
+
+
+def test_the_sides_of_a_large_pocket_bow_out_of_their_corners_box():
+    pocket = HollowCylinder(
+        inner_mm=1.0, outer_mm=3.0, height_mm=20.0, core_half_size_mm=(190.0, 120.0)
+    )
+    camera = camera_with((-0.3, 0, 0, 0), width=640, height=480, cx=320.0, cy=240.0)
+    camera_from_feature = pose(0, 0, 300.0)
+    covered = mask(camera, *ring_pixels(pocket, camera, camera_from_feature))
+    expected, doubtful = covered_by_brute_force(pocket, camera, camera_from_feature)
+    np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
+
+
+# -- boxes of pixels ----------------------------------------------------------------------------
+
+
+def test_a_pixel_box_holds_all_positions_and_a_margin():
+    box = pixel_box(np.array([[10.2, 20.0], [14.0, 25.7]]), camera_with(()), margin_px=2)
+    assert box == PixelBox(top=18, bottom=29, left=8, right=17)
+    assert not box.empty
+
+
+def test_a_pixel_box_is_cut_at_the_frame_also_far_away():
+    positions = np.array([[-1e30, 5.0], [1e30, np.inf]])
+    box = pixel_box(positions, camera_with(()), margin_px=1)
+    assert box == PixelBox(top=4, bottom=240, left=0, right=320)
+
+
+@pytest.mark.parametrize("position", [[-9.0, 5.0], [400.0, 5.0], [5.0, -1e25], [5.0, 900.0]])
+def test_a_pixel_box_outside_the_frame_is_empty(position):
+    assert pixel_box(np.array([position]), camera_with(()), margin_px=1).empty
+
+
+# -- bad sizes ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"inner_mm": -1.0}, "needs 0 ≤ inner < outer and a height above 0, got inner -1"),
+        ({"inner_mm": 15.0}, "needs 0 ≤ inner < outer .* got inner 15, outer 15, height 20 mm"),
+        ({"outer_mm": 3.0}, "needs 0 ≤ inner < outer .* outer 3"),
+        ({"height_mm": 0.0}, "a height above 0, got .* height 0 mm"),
+        ({"height_mm": np.nan}, "sizes of a hollow cylinder must be finite"),
+        ({"outer_mm": np.inf}, "sizes of a hollow cylinder must be finite"),
+        ({"plane_z_mm": np.nan}, "sizes of a hollow cylinder must be finite"),
+        ({"core_half_size_mm": (-1.0, 0.0)}, "core's half size must not be negative, got"),
+    ],
+)
+def test_sizes_that_make_no_ring_are_refused(changes, message):
+    with pytest.raises(FeatureError, match=message):
+        HollowCylinder(**({"inner_mm": 13.0, "outer_mm": 15.0, "height_mm": 20.0} | changes))
