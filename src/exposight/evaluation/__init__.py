@@ -1,0 +1,28 @@
+"""Pure statistics: metrics of a regression, and splits of its observations."""
+
+from exposight.evaluation.metrics import (
+    RegressionScore,
+    coverage,
+    mae,
+    mse,
+    negative_log_predictive_density,
+    r2,
+    rmse,
+    score,
+)
+from exposight.evaluation.splits import Split, inside_box, random_split, split_by_group
+
+__all__ = [
+    "RegressionScore",
+    "Split",
+    "coverage",
+    "inside_box",
+    "mae",
+    "mse",
+    "negative_log_predictive_density",
+    "r2",
+    "random_split",
+    "rmse",
+    "score",
+    "split_by_group",
+]

@@ -1,0 +1,105 @@
+"""The gate that switches a kernel off outside a range."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from exposight.errors import InputError
+from exposight.gp.kernels.arguments import check_dims
+from exposight.gp.kernels.base import GradientDot
+from exposight.gp.kernels.leaf import Leaf
+from exposight.gp.kernels.parameters import Parameter
+from exposight.gp.observations import BoolArray, FloatArray
+
+__all__ = ["ChangePoint"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangePoint(Leaf):
+    """Change point kernel of Eq. 9 of the paper: 1 where both inputs are in range, else 0.
+
+    Multiplied into a kernel it makes the prior, hence the prediction, exactly 0 outside the
+    range. The limits belong to the range. It has no hyperparameters.
+
+    Attributes
+    ----------
+    dim : int
+        Column of the inputs that is compared with the limits, counted from 0.
+    minimum, maximum : float, optional
+        Limits in the unit of the column; at least one of them.
+
+    Raises
+    ------
+    InputError
+        If no limit is given, a limit is not finite, or they leave no range.
+    """
+
+    dim: int
+    minimum: float | None = None
+    maximum: float | None = None
+    type_name: ClassVar[str] = "change_point"
+
+    def __post_init__(self) -> None:
+        (dim,) = check_dims((self.dim,), kernel="ChangePoint")
+        object.__setattr__(self, "dim", dim)
+        limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
+        if not limits or not all(math.isfinite(limit) for limit in limits):
+            msg = f"ChangePoint takes a finite minimum, maximum or both, got {limits}"
+            raise InputError(msg)
+        if len(limits) == 2 and limits[0] >= limits[1]:
+            msg = f"ChangePoint's minimum must lie below its maximum, got {limits}"
+            raise InputError(msg)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of the inputs that this kernel reads."""
+        return (self.dim,)
+
+    @property
+    def hyperparameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
+        return {
+            "type": self.type_name,
+            "dim": self.dim,
+            "minimum": self.minimum,
+            "maximum": self.maximum,
+        }
+
+    def _with_values(self, values: tuple[float, ...]) -> Self:
+        del values
+        return self
+
+    def _gate(self, x: FloatArray) -> BoolArray:
+        column = x[:, self.dim]
+        out = np.zeros(len(x), dtype=np.bool_)
+        if self.minimum is not None:
+            out |= column < self.minimum
+        if self.maximum is not None:
+            out |= column > self.maximum
+        return out
+
+    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        out = np.ones((len(x), len(y)))
+        self._multiply_into(x, y, out)
+        return out
+
+    def _diagonal(self, x: FloatArray) -> FloatArray:
+        return (~self._gate(x)).astype(np.float64)
+
+    def _multiply_into(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        out[self._gate(x), :] = 0.0
+        out[:, self._gate(y)] = 0.0
+
+    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
+        return self._value(x, x), lambda _: np.empty(0)
+
+    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
+        del x
+        return iter(())

@@ -1,0 +1,158 @@
+"""Checks at the boundary of the room: inputs, targets, and whether they can be learnt from."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exposight.errors import ObservationError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+__all__ = ["BoolArray", "FloatArray", "check_inputs", "check_learnable", "check_targets"]
+
+
+def _as_floats(values: ArrayLike, name: str) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        msg = f"{name} must be an array of numbers, got {type(values).__name__}: {error}"
+        raise ObservationError(msg) from error
+
+
+def check_inputs(
+    x: ArrayLike, *, name: str = "x", dims: tuple[int, ...] = (), columns: int | None = None
+) -> FloatArray:
+    """Check an array of inputs and return it as float64.
+
+    Parameters
+    ----------
+    x : (n, D) array
+        One row an observation, one column an input variable, each in its own unit.
+    name : str
+        What the array is called in a message.
+    dims : tuple of int
+        Columns that a kernel is going to read.
+    columns : int, optional
+        The number of columns that `x` must have.
+
+    Returns
+    -------
+    (n, D) float64 array
+
+    Raises
+    ------
+    ObservationError
+        If `x` is not a matrix, lacks a column, or holds a NaN or an infinite value.
+    """
+    array = _as_floats(x, name)
+    if array.ndim != 2:
+        msg = (
+            f"{name} must have shape (observations, dimensions), got shape {array.shape}; "
+            "a single input variable is a matrix of one column"
+        )
+        raise ObservationError(msg)
+    if columns is not None and array.shape[1] != columns:
+        msg = (
+            f"{name} must have the {columns} columns of the training inputs, got "
+            f"{array.shape[1]}; pass the same variables in the same order"
+        )
+        raise ObservationError(msg)
+    if dims and max(dims) >= array.shape[1]:
+        msg = (
+            f"the kernel reads column {max(dims)} (counted from 0), but {name} has "
+            f"{array.shape[1]} columns; add the column or change the kernel's dims"
+        )
+        raise ObservationError(msg)
+    finite = np.isfinite(array)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        msg = (
+            f"{name} must be finite, got {array[row, column]} in row {row}, column {column} "
+            f"({int((~finite).any(axis=1).sum())} rows are affected); "
+            "remove these observations or measure them again"
+        )
+        raise ObservationError(msg)
+    return array
+
+
+def check_targets(y: ArrayLike, *, observations: int, name: str = "y") -> FloatArray:
+    """Check an array of targets and return it as float64.
+
+    Parameters
+    ----------
+    y : (n,) array
+        One target an observation, in its own unit.
+    observations : int
+        The number of rows of the inputs.
+    name : str
+        What the array is called in a message.
+
+    Returns
+    -------
+    (n,) float64 array
+
+    Raises
+    ------
+    ObservationError
+        If the shape is not ``(observations,)``, or a value is NaN or infinite.
+    """
+    array = _as_floats(y, name)
+    if array.shape != (observations,):
+        msg = (
+            f"{name} must hold one target for each of the {observations} rows of the inputs, "
+            f"shape ({observations},), got shape {array.shape}"
+        )
+        raise ObservationError(msg)
+    finite = np.isfinite(array)
+    if not finite.all():
+        row = int(np.flatnonzero(~finite)[0])
+        msg = (
+            f"{name} must be finite, got {array[row]} in row {row} "
+            f"({int((~finite).sum())} rows are affected); remove these observations"
+        )
+        raise ObservationError(msg)
+    return array
+
+
+def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> None:
+    """Check that hyperparameters can be learnt from these observations.
+
+    Parameters
+    ----------
+    x : (n, D) array
+        Checked inputs.
+    y : (n,) array
+        Checked targets.
+    dims : tuple of int
+        Columns that the kernel reads.
+
+    Raises
+    ------
+    ObservationError
+        If there are fewer observations than dimensions, or all of them are alike.
+    """
+    n, d = x.shape
+    if n < d:
+        msg = (
+            f"fewer observations than dimensions: {n} observations of {d} input variables; "
+            "measure more, or use a model with fewer inputs"
+        )
+        raise ObservationError(msg)
+    if n < 2:
+        msg = f"at least two observations are needed to learn from, got {n}; measure more"
+        raise ObservationError(msg)
+    read = x[:, list(dims)]
+    if np.all(read == read[0]):
+        msg = (
+            f"all observations are alike: the {n} rows hold the same inputs in every column the "
+            "kernel reads; vary the exposure time or the pose"
+        )
+        raise ObservationError(msg)
+    if np.all(y == y[0]):
+        msg = (
+            f"all observations are alike: each of the {n} targets is {y[0]:g}; "
+            "widen the range of exposure times until the target varies"
+        )
+        raise ObservationError(msg)

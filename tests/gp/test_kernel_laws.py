@@ -1,0 +1,187 @@
+"""The laws that every kernel obeys, on random trees over three columns."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exposight.gp import (
+    ChangePoint,
+    Exponential,
+    Kernel,
+    Linear,
+    Matern32,
+    Matern52,
+    RationalQuadratic,
+    SquaredExponential,
+    kernel_from_dict,
+)
+
+# Sums of a dozen products in float64.
+ROUNDING = 1e-12
+# Central differences over 1e-5 of a logarithm: truncation 1e-10, cancellation 1e-11, and room for
+# values of several hundred.
+FINITE_DIFFERENCE = 1e-7
+
+COLUMNS = 3
+
+positive = st.floats(0.2, 5.0)
+dims = st.lists(st.integers(0, COLUMNS - 1), min_size=1, max_size=COLUMNS, unique=True)
+
+
+@st.composite
+def stationary(draw: st.DrawFn) -> Kernel:
+    kernel = draw(
+        st.sampled_from([Exponential, Matern32, Matern52, RationalQuadratic, SquaredExponential])
+    )
+    own = tuple(draw(dims))
+    count = draw(st.sampled_from([1, len(own)]))
+    fields = ["variance", "length_scales"]
+    values = {}
+    if kernel is RationalQuadratic:
+        fields.append("alpha")
+        values["alpha"] = draw(positive)
+    return kernel(
+        variance=draw(positive),
+        length_scales=tuple(draw(positive) for _ in range(count)),
+        dims=own,
+        fixed=tuple(draw(st.lists(st.sampled_from(fields), max_size=2, unique=True))),
+        **values,
+    )
+
+
+@st.composite
+def linear(draw: st.DrawFn) -> Kernel:
+    own = tuple(draw(dims))
+    return Linear(variances=tuple(draw(positive) for _ in own), dims=own)
+
+
+change_points = st.builds(
+    ChangePoint,
+    dim=st.integers(0, COLUMNS - 1),
+    minimum=st.one_of(st.none(), st.floats(-2.0, 0.0)),
+    maximum=st.floats(0.5, 2.0),
+)
+
+kernels = st.recursive(
+    st.one_of(stationary(), linear(), change_points),
+    lambda children: st.one_of(
+        st.tuples(children, children).map(lambda pair: pair[0] * pair[1]),
+        st.tuples(children, children).map(lambda pair: pair[0] + pair[1]),
+    ),
+    max_leaves=4,
+)
+
+
+def inputs(seed: int, rows: int = 12) -> np.ndarray:
+    """Normal inputs, the last row a copy of the first."""
+    x = np.random.default_rng(seed).normal(size=(rows, COLUMNS))
+    x[-1] = x[0]
+    return x
+
+
+seeds = st.integers(0, 10_000)
+laws = settings(max_examples=40, deadline=None)
+
+
+def scale_of(kernel: Kernel, x: np.ndarray) -> float:
+    return 1.0 + float(kernel.diagonal(x).max())
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_the_covariance_is_symmetric(kernel, seed):
+    x, y = inputs(seed), inputs(seed + 1, rows=7)
+    tolerance = ROUNDING * scale_of(kernel, np.vstack([x, y]))
+    np.testing.assert_allclose(kernel.value(x, y), kernel.value(y, x).T, rtol=0, atol=tolerance)
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_the_covariance_is_positive_semidefinite(kernel, seed):
+    x = inputs(seed)
+    covariance = kernel.value(x, x)
+    eigenvalues = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    assert eigenvalues.min() >= -100 * ROUNDING * scale_of(kernel, x)
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_the_diagonal_is_the_covariances_diagonal(kernel, seed):
+    x = inputs(seed)
+    np.testing.assert_allclose(
+        kernel.diagonal(x), np.diag(kernel.value(x, x)), rtol=0, atol=ROUNDING * scale_of(kernel, x)
+    )
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_gated_rows_are_zero_and_change_nothing_else(kernel, seed):
+    x = inputs(seed)
+    gated = kernel.gate(x)
+    assert not kernel.value(x, x)[gated].any()
+    np.testing.assert_array_equal(kernel.diagonal(x)[gated], 0.0)
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_gradients_match_finite_differences(kernel, seed):
+    x, logs, step = inputs(seed), kernel.log_parameters, 1e-5
+    derivatives = list(kernel.gradient(x))
+    assert len(derivatives) == len(logs)
+    for index, derivative in enumerate(derivatives):
+        shift = step * np.eye(len(logs))[index]
+        higher = kernel.with_log_parameters(logs + shift).value(x, x)
+        lower = kernel.with_log_parameters(logs - shift).value(x, x)
+        np.testing.assert_allclose(
+            derivative,
+            (higher - lower) / (2 * step),
+            rtol=0,
+            atol=FINITE_DIFFERENCE * scale_of(kernel, x),
+        )
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_weighted_gradients_are_sums_over_the_gradients(kernel, seed):
+    x = inputs(seed)
+    weights = np.random.default_rng(seed).normal(size=(len(x), len(x)))
+    expected = [np.sum(weights * derivative) for derivative in kernel.gradient(x)]
+    np.testing.assert_allclose(
+        kernel.gradient_dot(x, weights), expected, rtol=0, atol=1e3 * ROUNDING * scale_of(kernel, x)
+    )
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_linearising_gives_the_value_and_leaves_the_weights_alone(kernel, seed):
+    x = inputs(seed)
+    weights = np.random.default_rng(seed).normal(size=(len(x), len(x)))
+    kept = weights.copy()
+    value, gradient_dot = kernel.linearise(x)
+    first = gradient_dot(weights)
+    np.testing.assert_array_equal(gradient_dot(weights), first)
+    np.testing.assert_array_equal(weights, kept)
+    np.testing.assert_allclose(
+        value, kernel.value(x, x), rtol=0, atol=ROUNDING * scale_of(kernel, x)
+    )
+
+
+@laws
+@given(kernel=kernels)
+def test_the_description_survives_json(kernel):
+    assert kernel_from_dict(json.loads(json.dumps(kernel.to_dict()))) == kernel
+
+
+@laws
+@given(kernel=kernels)
+def test_parameters_are_named_apart_and_ordered_as_the_logarithms(kernel):
+    names = [parameter.name for parameter in kernel.parameters]
+    assert len(set(names)) == len(names)
+    moved = kernel.with_log_parameters(kernel.log_parameters + 0.5)
+    for before, after in zip(kernel.parameters, moved.parameters, strict=True):
+        factor = np.exp(0.5) if before.free else 1.0
+        assert after.value == pytest.approx(factor * before.value)
+        assert after.name == before.name

@@ -1,0 +1,232 @@
+"""Exact regression: closed forms, invariances, gates, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from exposight.errors import InputError, NotPositiveDefiniteError, ObservationError
+from exposight.gp import (
+    ChangePoint,
+    Exponential,
+    GaussianProcess,
+    RationalQuadratic,
+    SquaredExponential,
+    regression,
+)
+
+# Cholesky factorisations of a few dozen rows, well conditioned.
+ROUNDING = 1e-10
+
+SMOOTH = SquaredExponential(variance=2.0, length_scales=0.5, dims=(0,))
+GATED = (
+    RationalQuadratic(variance=1.5, length_scales=(0.4, 0.8), alpha=0.6, dims=(0, 1))
+    * ChangePoint(dim=0, minimum=-1.0)
+    * ChangePoint(dim=0, maximum=1.0)
+)
+
+
+@pytest.fixture
+def observations():
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1.5, 1.5, size=(40, 2))
+    return x, np.sin(3 * x[:, 0]) + 0.3 * x[:, 1] + 0.1 * rng.normal(size=40)
+
+
+def test_one_observation_in_closed_form():
+    process = GaussianProcess.condition(SMOOTH, 0.5, [[0.0]], [3.0])
+    prediction = process.predict([[0.5]])
+    covariance = 2.0 * np.exp(-0.5)
+    assert process.log_marginal_likelihood == pytest.approx(
+        -0.5 * (9.0 / 2.5 + np.log(2.5) + np.log(2 * np.pi))
+    )
+    assert prediction.mean[0] == pytest.approx(covariance / 2.5 * 3.0)
+    assert prediction.std[0] ** 2 == pytest.approx(2.0 - covariance**2 / 2.5)
+
+
+def test_noise_adds_to_the_variance_of_a_new_observation(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    x = observations[0][:5] + 0.1
+    function, observed = process.predict(x), process.predict(x, include_noise=True)
+    np.testing.assert_allclose(observed.std**2, function.std**2 + 0.04, rtol=ROUNDING)
+    np.testing.assert_array_equal(observed.mean, function.mean)
+
+
+def test_far_away_the_prior_returns():
+    prediction = GaussianProcess.condition(SMOOTH, 0.1, [[0.0]], [3.0]).predict([[1e3]])
+    assert prediction.mean[0] == 0.0
+    assert prediction.std[0] == pytest.approx(np.sqrt(2.0))
+
+
+def test_the_order_of_observations_does_not_matter(observations):
+    x, y = observations
+    order = np.random.default_rng(0).permutation(len(y))
+    one = GaussianProcess.condition(GATED, 0.04, x, y)
+    other = GaussianProcess.condition(GATED, 0.04, x[order], y[order])
+    assert other.log_marginal_likelihood == pytest.approx(one.log_marginal_likelihood, rel=ROUNDING)
+    np.testing.assert_allclose(other.predict_mean(x), one.predict_mean(x), atol=ROUNDING)
+
+
+def test_scaling_the_targets_scales_the_prediction(observations):
+    x, y = observations
+    scaled = SquaredExponential(variance=9.0 * 2.0, length_scales=0.5, dims=(0,))
+    one = GaussianProcess.condition(SMOOTH, 0.04, x, y).predict(x)
+    three = GaussianProcess.condition(scaled, 9.0 * 0.04, x, 3.0 * y).predict(x)
+    np.testing.assert_allclose(three.mean, 3.0 * one.mean, rtol=ROUNDING, atol=ROUNDING)
+    np.testing.assert_allclose(three.std, 3.0 * one.std, rtol=ROUNDING, atol=ROUNDING)
+
+
+def test_predict_mean_and_covariance_agree_with_predict(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    x = np.random.default_rng(5).uniform(-1.5, 1.5, size=(9, 2))
+    prediction, covariance = process.predict(x), process.covariance(x)
+    np.testing.assert_allclose(process.predict_mean(x), prediction.mean, atol=ROUNDING)
+    np.testing.assert_allclose(np.diag(covariance), prediction.std**2, atol=ROUNDING)
+    np.testing.assert_allclose(covariance, covariance.T, atol=ROUNDING)
+
+
+def test_chunks_change_nothing_and_report_progress(observations, monkeypatch):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    x = np.random.default_rng(5).uniform(-1.5, 1.5, size=(11, 2))
+    whole = process.predict(x)
+    monkeypatch.setattr(regression, "_CHUNK", 4)
+    seen = []
+    parts = process.predict(x, progress=lambda done, total: seen.append((done, total)))
+    np.testing.assert_allclose(parts.mean, whole.mean, rtol=ROUNDING)
+    np.testing.assert_allclose(parts.std, whole.std, rtol=ROUNDING)
+    assert seen == [(4, 11), (8, 11), (11, 11)]
+
+
+def test_no_rows_give_no_predictions(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    assert process.predict(np.empty((0, 2))).mean.shape == (0,)
+
+
+def test_outside_the_gate_the_prediction_is_exactly_zero_without_variance(observations):
+    prediction = GaussianProcess.condition(GATED, 0.04, *observations).predict(
+        [[-1.2, 0.0], [1.001, 0.0]]
+    )
+    np.testing.assert_array_equal(prediction.mean, [0.0, 0.0])
+    np.testing.assert_array_equal(prediction.std, [0.0, 0.0])
+
+
+def test_gated_observations_have_the_likelihood_of_white_noise(observations):
+    x, y = observations
+    inside = ~GATED.gate(x)
+    assert 0 < inside.sum() < len(y)
+    covariance = GATED.value(x, x) + 0.04 * np.eye(len(y))
+    expected = -0.5 * (
+        y @ np.linalg.solve(covariance, y)
+        + np.linalg.slogdet(covariance)[1]
+        + len(y) * np.log(2 * np.pi)
+    )
+    process = GaussianProcess.condition(GATED, 0.04, x, y)
+    assert process.log_marginal_likelihood == pytest.approx(expected, rel=ROUNDING)
+    only_inside = GaussianProcess.condition(GATED, 0.04, x[inside], y[inside])
+    np.testing.assert_allclose(process.predict_mean(x), only_inside.predict_mean(x), atol=ROUNDING)
+
+
+def test_the_likelihoods_gradient_matches_finite_differences(observations):
+    x, y = observations
+    process = GaussianProcess.condition(GATED, 0.04, x, y)
+    logs = np.append(GATED.log_parameters, np.log(0.04))
+    step = 1e-5
+
+    def likelihood(vector):
+        kernel = GATED.with_log_parameters(vector[:-1])
+        return GaussianProcess.condition(kernel, np.exp(vector[-1]), x, y).log_marginal_likelihood
+
+    numeric = [
+        (likelihood(logs + shift) - likelihood(logs - shift)) / (2 * step)
+        for shift in step * np.eye(len(logs))
+    ]
+    # central differences of a likelihood of order 100
+    np.testing.assert_allclose(process.log_marginal_likelihood_gradient(), numeric, atol=1e-6)
+
+
+def test_training_data_are_copied_and_cannot_be_changed(observations):
+    x, y = observations
+    process = GaussianProcess.condition(GATED, 0.04, x, y)
+    x[0, 0] = 99.0
+    assert process.x[0, 0] != 99.0
+    with pytest.raises(ValueError, match="read-only"):
+        process.y[0] = 1.0
+
+
+def test_no_jitter_where_none_is_needed(observations):
+    assert GaussianProcess.condition(GATED, 0.04, *observations).jitter == 0.0
+
+
+def test_jitter_is_reported_and_the_prediction_still_interpolates():
+    x = np.linspace(0.0, 1.0, 60)[:, None]
+    process = GaussianProcess.condition(SMOOTH, 1e-18, x, np.sin(4 * x[:, 0]))
+    assert 0.0 < process.jitter <= 2e-6
+    np.testing.assert_allclose(process.predict_mean(x), np.sin(4 * x[:, 0]), atol=1e-3)
+
+
+def test_a_variance_that_rounds_below_zero_is_zero():
+    # v − (v/√v)² is minus one unit in the last place for some of these v
+    for variance in np.linspace(1.0, 2.0, 50):
+        kernel = SquaredExponential(variance=variance, length_scales=1.0, dims=(0,))
+        std = GaussianProcess.condition(kernel, 1e-20, [[0.0]], [1.0]).predict([[0.0]]).std
+        assert 0.0 <= std[0] < 1e-7
+
+
+def test_a_matrix_without_factor_names_cause_and_remedy(monkeypatch):
+    def value(self, x, y):
+        return np.full((len(x), len(y)), -1.0)
+
+    monkeypatch.setattr(SquaredExponential, "_value", value)
+    with pytest.raises(
+        NotPositiveDefiniteError, match=r"3 observations .* noise_variance=0\.1 .* Raise the noise"
+    ):
+        GaussianProcess.condition(SMOOTH, 0.1, [[0.0], [1.0], [2.0]], [1.0, 2.0, 3.0])
+
+
+def test_a_matrix_that_overflows_is_told_apart():
+    huge = SquaredExponential(variance=1e308, length_scales=1.0, dims=(0,))
+    kernel = huge * SquaredExponential(variance=1e308, length_scales=1.0, dims=(0,))
+    with (
+        np.errstate(over="ignore"),
+        pytest.raises(NotPositiveDefiniteError, match="values that are not finite"),
+    ):
+        GaussianProcess.condition(kernel, 0.1, [[0.0], [1.0]], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("noise_variance", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_noise_variance_must_be_positive(noise_variance):
+    with pytest.raises(InputError, match="noise_variance must be positive and finite, got"):
+        GaussianProcess.condition(SMOOTH, noise_variance, [[0.0]], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "message"),
+    [
+        ([[0.0], [float("nan")]], [1.0, 2.0], "x must be finite, got nan in row 1, column 0"),
+        ([[0.0], [1.0]], [1.0, float("inf")], "y must be finite, got inf in row 1"),
+        ([0.0, 1.0], [1.0, 2.0], r"\(observations, dimensions\), got shape \(2,\)"),
+        ([[0.0], [1.0]], [1.0, 2.0, 3.0], r"each of the 2 rows .* got shape \(3,\)"),
+        ([["a"]], [1.0], "x must be an array of numbers"),
+        (np.empty((0, 1)), [], "at least one observation"),
+    ],
+)
+def test_malformed_observations_are_refused(x, y, message):
+    with pytest.raises(ObservationError, match=message):
+        GaussianProcess.condition(SMOOTH, 0.1, x, y)
+
+
+def test_observations_wholly_outside_the_gate_are_refused():
+    with pytest.raises(ObservationError, match="all 2 observations lie outside the range"):
+        GaussianProcess.condition(GATED, 0.1, [[5.0, 0.0], [6.0, 0.0]], [0.0, 0.1])
+
+
+def test_predicting_with_other_columns_is_refused(observations):
+    process = GaussianProcess.condition(SMOOTH, 0.1, *observations)
+    with pytest.raises(ObservationError, match=r"must have the 2 columns .* got 1"):
+        process.predict([[1.0]])
+
+
+def test_an_unused_column_may_not_hold_nan(observations):
+    process = GaussianProcess.condition(
+        Exponential(variance=1, length_scales=1, dims=(0,)), 0.1, *observations
+    )
+    with pytest.raises(ObservationError, match="got nan in row 0, column 1"):
+        process.predict([[1.0, float("nan")]])
