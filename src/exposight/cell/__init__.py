@@ -1,0 +1,42 @@
+"""The words of a measuring cell: features, parts, sensors, clouds, captures, campaigns, files."""
+
+from exposight.cell.archive import CampaignFolder, CampaignWriter
+from exposight.cell.campaign import Campaign, MemoryCampaign
+from exposight.cell.capture import Capture, CaptureKey, check_image
+from exposight.cell.cloud import Cloud, check_points
+from exposight.cell.cloud_files import CLOUD_SUFFIXES, read_cloud, write_cloud
+from exposight.cell.feature_files import read_features, write_features
+from exposight.cell.kinds import PAPER_TOLERANCE, RULES, FeatureKind, RingTolerance
+from exposight.cell.part import Feature, Part
+from exposight.cell.presets import PRESETS, PresetName, sensor_preset
+from exposight.cell.sensor import ActiveSensor, Projector, read_sensor, write_sensor
+
+__all__ = [
+    "CLOUD_SUFFIXES",
+    "PAPER_TOLERANCE",
+    "PRESETS",
+    "RULES",
+    "ActiveSensor",
+    "Campaign",
+    "CampaignFolder",
+    "CampaignWriter",
+    "Capture",
+    "CaptureKey",
+    "Cloud",
+    "Feature",
+    "FeatureKind",
+    "MemoryCampaign",
+    "Part",
+    "PresetName",
+    "Projector",
+    "RingTolerance",
+    "check_image",
+    "check_points",
+    "read_cloud",
+    "read_features",
+    "read_sensor",
+    "sensor_preset",
+    "write_cloud",
+    "write_features",
+    "write_sensor",
+]

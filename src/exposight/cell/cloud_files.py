@@ -1,0 +1,254 @@
+"""Reading and writing point clouds: PLY, PCD, XYZ, CSV, NPY (``docs/formats.md``).
+
+Every format keeps missing points (NaN or zero) and the order. PLY, PCD and NPY also keep the rows
+and columns of an organised cloud; the text formats cannot, so their reader takes them from the
+caller. Coordinates are in mm.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+from pypcd4.pypcd4 import Encoding, PointCloud
+
+from exposight.cell.cloud import Cloud
+from exposight.cell.columns import check_columns
+from exposight.cell.ply import ply_from_points, points_from_ply
+from exposight.durable import write_durably
+from exposight.errors import CloudError, DamagedFileError, FormatError, MissingFileError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+__all__ = ["CLOUD_SUFFIXES", "read_cloud", "write_cloud"]
+
+_CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
+
+
+def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
+    """Read a point cloud in mm; the file's suffix tells its format.
+
+    Parameters
+    ----------
+    path : Path
+        A .ply, .pcd, .xyz, .txt, .csv or .npy file.
+    size : (int, int), optional
+        Rows and columns of the image, for an organised cloud whose file does not tell them.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    FormatError
+        If it is not what its suffix says, or another format.
+    DamagedFileError
+        If it is empty or cut off.
+    CloudError
+        If the number of points is not rows × columns.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _FORMATS:
+        raise _unknown_format(path)
+    if not path.is_file():
+        msg = f"no point cloud at {path}"
+        raise MissingFileError(msg)
+    data = path.read_bytes()
+    if not data:
+        msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
+        raise DamagedFileError(msg)
+    read, _ = _FORMATS[path.suffix.lower()]
+    try:
+        cloud = Cloud(points=read(data, path))
+        return cloud if size is None else cloud.organise(*size)
+    except CloudError as error:
+        msg = f"{path}: {error}"
+        raise CloudError(msg) from error
+
+
+def write_cloud(path: Path, cloud: Cloud) -> None:
+    """Write a point cloud in mm; the file's suffix tells its format.
+
+    The file is whole or absent. Missing points are written as NaN, so that the order stays.
+
+    Parameters
+    ----------
+    path : Path
+        A .ply, .pcd, .xyz, .txt, .csv or .npy file; PLY and PCD are written in binary.
+    cloud : Cloud
+        The points; the text formats (.xyz, .txt, .csv) keep their order but not their rows and
+        columns.
+
+    Raises
+    ------
+    FormatError
+        If the suffix is another one.
+    FileError
+        If the disk refuses.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _FORMATS:
+        raise _unknown_format(path)
+    _, write = _FORMATS[path.suffix.lower()]
+    write_durably(path, write(cloud.points))
+
+
+def _unknown_format(path: Path) -> FormatError:
+    msg = (
+        f"{path}: point clouds are read and written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
+        f"{path.suffix!r}; convert it, keeping missing points so that it stays organised"
+    )
+    return FormatError(msg)
+
+
+# -- PCD ----------------------------------------------------------------------------------------
+
+
+def _read_pcd(data: bytes, path: Path) -> NDArray[np.floating]:
+    try:
+        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(data)))
+    except (ValueError, KeyError, TypeError, RuntimeError, struct.error) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        msg = f"{path} is no PCD file, or is cut off ({reason}); expected PCD version 0.7"
+        raise FormatError(msg) from error
+    if not {"x", "y", "z"} <= set(cloud.fields):
+        msg = f"{path}: expected the fields x, y and z, got {', '.join(cloud.fields)}"
+        raise FormatError(msg)
+    meta = cloud.metadata
+    if len(cloud.pc_data) != meta.points or meta.width * meta.height != meta.points:
+        msg = (
+            f"{path} is cut off or wrong: its header announces {meta.height} rows × {meta.width} "
+            f"columns and {meta.points} points, it holds {len(cloud.pc_data)}"
+        )
+        raise DamagedFileError(msg)
+    points = np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1)
+    return points.reshape(meta.height, meta.width, 3) if meta.height > 1 else points
+
+
+def _pcd(points: NDArray[np.float32]) -> bytes:
+    cloud = PointCloud.from_xyz_points(points.reshape(-1, 3))
+    height, width = points.shape[:2] if points.ndim == 3 else (1, len(points))
+    cloud.metadata = cloud.metadata.derive(height=height, width=width)
+    buffer = io.BytesIO()
+    cloud.save(buffer, encoding=Encoding.BINARY)
+    return buffer.getvalue()
+
+
+# -- text ---------------------------------------------------------------------------------------
+
+
+def _read_xyz(data: bytes, path: Path) -> NDArray[np.floating]:
+    """Read x y z in the first three columns, after an optional line of column names."""
+    # CloudCompare marks its line of names with //.
+    line = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").lstrip("/")
+    first = line.split()
+    has_header = bool(first) and not first[0].startswith("#") and not _is_number(first[0])
+    if has_header and first[0].lower() not in {"x", "x_mm"}:
+        msg = (
+            f"{path}: expected x y z in mm, or a first line 'x_mm y_mm z_mm', got "
+            f"{' '.join(first[:6])!r}"
+        )
+        raise FormatError(msg)
+    return _numbers(data, path, delimiter=None, skiprows=int(has_header))
+
+
+def _read_csv(data: bytes, path: Path) -> NDArray[np.floating]:
+    first = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").strip()
+    check_columns(first.split(","), required=_CSV_COLUMNS, optional=(), source=path)
+    return _numbers(data, path, delimiter=",", skiprows=1)
+
+
+def _numbers(
+    data: bytes, path: Path, *, delimiter: str | None, skiprows: int
+) -> NDArray[np.float32]:
+    if not data.split(b"\n", skiprows)[-1].strip():
+        return np.zeros((0, 3), dtype=np.float32)
+    try:
+        return np.loadtxt(
+            io.StringIO(data.decode("utf-8-sig")),
+            dtype=np.float32,
+            delimiter=delimiter,
+            skiprows=skiprows,
+            usecols=(0, 1, 2),
+            ndmin=2,
+        )
+    except ValueError as error:
+        msg = (
+            f"{path}: {error}; expected three numbers x y z in mm on every line, "
+            "with a point as the decimal separator"
+        )
+        raise FormatError(msg) from error
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _text(points: NDArray[np.float32], *, separator: str, header: bool) -> bytes:
+    frame = pl.DataFrame(points.reshape(-1, 3), schema=list(_CSV_COLUMNS))
+    buffer = io.BytesIO()
+    frame.write_csv(buffer, separator=separator, include_header=header)
+    return buffer.getvalue()
+
+
+def _xyz(points: NDArray[np.float32]) -> bytes:
+    return _text(points, separator=" ", header=False)
+
+
+def _csv(points: NDArray[np.float32]) -> bytes:
+    return _text(points, separator=",", header=True)
+
+
+# -- NPY ----------------------------------------------------------------------------------------
+
+
+def _read_npy(data: bytes, path: Path) -> NDArray[np.floating]:
+    try:
+        array = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        msg = (
+            f"{path} cannot be read as NPY ({error}); expected an array of numbers of shape "
+            "(rows, columns, 3) or (n, 3) in mm, without pickled objects"
+        )
+        kind = DamagedFileError if data.startswith(b"\x93NUMPY") else FormatError
+        raise kind(msg) from error
+    if not isinstance(array, np.ndarray):
+        array.close()
+        msg = f"{path} is an archive of several arrays (NPZ); expected one array (NPY)"
+        raise FormatError(msg)
+    return array
+
+
+def _npy(points: NDArray[np.float32]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, points, allow_pickle=False)
+    return buffer.getvalue()
+
+
+_FORMATS: dict[
+    str,
+    tuple[
+        Callable[[bytes, Path], NDArray[np.floating]],
+        Callable[[NDArray[np.float32]], bytes],
+    ],
+] = {
+    ".ply": (points_from_ply, ply_from_points),
+    ".pcd": (_read_pcd, _pcd),
+    ".xyz": (_read_xyz, _xyz),
+    ".txt": (_read_xyz, _xyz),
+    ".csv": (_read_csv, _csv),
+    ".npy": (_read_npy, _npy),
+}
+
+CLOUD_SUFFIXES: tuple[str, ...] = tuple(_FORMATS)
+"""File suffixes of the point-cloud formats that can be read and written."""

@@ -1,0 +1,212 @@
+"""The list of a part's features as CSV (``docs/formats.md``)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from exposight.cell.columns import check_columns
+from exposight.cell.kinds import RULES, FeatureKind
+from exposight.cell.part import Feature, check_unique_names
+from exposight.durable import write_durably
+from exposight.errors import FeatureError, FormatError, MissingFileError
+from exposight.geometry import RigidTransform, rotation_facing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+__all__ = ["features_from_csv", "features_to_csv", "read_features", "write_features"]
+
+_REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
+_OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz")
+
+_NORMAL_TOLERANCE = 0.05
+"""How far a normal's length may be from 1: normals printed with one decimal are off by up to 4 %,
+while positions taken for normals are off by far more."""
+
+_DIRECTION_TOLERANCE_DEG = 5.0
+"""How far the direction of the length may leave the feature's plane; what leaves it is dropped."""
+
+
+def read_features(path: Path) -> tuple[Feature, ...]:
+    """Read a list of features from a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        Columns ``name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm``, then optionally
+        ``length_mm,width_mm`` and ``tx,ty,tz``. (nx, ny, nz) is the outward surface normal, which
+        is turned here: a feature's z axis points into the material. (tx, ty, tz) is the direction
+        of the length; slots and pockets need it.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    FormatError
+        If a column has another name, order or unit, or a cell is no number.
+    FeatureError
+        If a number is NaN, a size is not positive, or two features share a name.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"no feature list at {path}"
+        raise MissingFileError(msg)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        msg = f"{path} is not UTF-8 text; save the feature list as CSV in UTF-8"
+        raise FormatError(msg) from error
+    return features_from_csv(text, path)
+
+
+def write_features(path: Path, features: Iterable[Feature]) -> None:
+    """Write a list of features to a CSV file that is whole or absent.
+
+    Raises
+    ------
+    FileError
+        If the disk refuses.
+    """
+    write_durably(path, features_to_csv(features).encode())
+
+
+def features_to_csv(features: Iterable[Feature]) -> str:
+    """Return features as the text of a CSV file, every column written, normals outward."""
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(_REQUIRED + _OPTIONAL)
+    for feature in features:
+        pose = feature.part_from_feature
+        # Adding 0 turns −0 into 0.
+        outward = 0.0 - pose.rotation[:, 2]
+        writer.writerow(
+            [
+                feature.name,
+                feature.kind,
+                *map(_spell, pose.translation_mm),
+                *map(_spell, outward),
+                _spell(feature.radius_mm),
+                "" if feature.length_mm is None else _spell(feature.length_mm),
+                "" if feature.width_mm is None else _spell(feature.width_mm),
+                *map(_spell, pose.rotation[:, 0]),
+            ]
+        )
+    return buffer.getvalue()
+
+
+def features_from_csv(text: str, source: Path) -> tuple[Feature, ...]:
+    """Return the features in the text of a CSV file; see `read_features`.
+
+    Raises
+    ------
+    FormatError, FeatureError
+        As `read_features`.
+    """
+    rows = list(csv.reader(io.StringIO(text, newline="")))
+    header = [cell.strip() for cell in rows[0]] if rows else []
+    check_columns(header, required=_REQUIRED, optional=_OPTIONAL, source=source)
+    features = []
+    for number, cells in enumerate(rows[1:], start=2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(header):
+            msg = f"{source}, row {number}: expected {len(header)} cells, got {len(cells)}"
+            raise FormatError(msg)
+        features.append(_Row(source, number, dict(zip(header, map(str.strip, cells), strict=True))))
+    found = tuple(row.feature() for row in features)
+    if not found:
+        msg = f"{source} lists no feature; expected at least one row under its header"
+        raise FeatureError(msg)
+    try:
+        check_unique_names(found)
+    except FeatureError as error:
+        msg = f"{source}: {error}"
+        raise FeatureError(msg) from error
+    return found
+
+
+def _spell(number: float) -> str:
+    # The shortest text that reads back as the same number.
+    return repr(float(number) + 0.0)
+
+
+class _Row:
+    """One row of a feature list, which knows its place for messages."""
+
+    def __init__(self, source: Path, number: int, cells: dict[str, str]) -> None:
+        self._cells = cells
+        self._place = f"{source}, row {number}, feature {cells['name']!r}"
+
+    def feature(self) -> Feature:
+        kind = self._cells["kind"]
+        if kind not in RULES:
+            msg = f"{self._place}: the kind must be one of {', '.join(RULES)}, got {kind!r}"
+            raise FeatureError(msg)
+        rotation = self._rotation(needs_direction=RULES[cast("FeatureKind", kind)].has_length)
+        try:
+            return Feature(
+                name=self._cells["name"],
+                kind=cast("FeatureKind", kind),
+                part_from_feature=RigidTransform(
+                    rotation=rotation, translation_mm=self._vector("x_mm", "y_mm", "z_mm")
+                ),
+                radius_mm=self._number("radius_mm"),
+                length_mm=self._optional_number("length_mm"),
+                width_mm=self._optional_number("width_mm"),
+            )
+        except FeatureError as error:
+            msg = f"{self._place}: {error}"
+            raise FeatureError(msg) from error
+
+    def _rotation(self, *, needs_direction: bool) -> NDArray[np.float64]:
+        normal = self._vector("nx", "ny", "nz")
+        length = float(np.linalg.norm(normal))
+        if abs(length - 1) > _NORMAL_TOLERANCE:
+            msg = (
+                f"{self._place}: the outward normal (nx, ny, nz) must have length 1, got {length:g}"
+            )
+            raise FeatureError(msg)
+        if not any(self._cells.get(column) for column in ("tx", "ty", "tz")):
+            if needs_direction:
+                msg = (
+                    f"{self._place}: a {self._cells['kind']} needs the direction of its length in "
+                    "the columns tx, ty, tz"
+                )
+                raise FeatureError(msg)
+            return rotation_facing(-normal)
+        direction = self._vector("tx", "ty", "tz")
+        span = float(np.linalg.norm(direction))
+        out_of_plane = abs(float(direction @ normal)) / length
+        if not span > 0 or out_of_plane > span * math.sin(math.radians(_DIRECTION_TOLERANCE_DEG)):
+            msg = (
+                f"{self._place}: the direction (tx, ty, tz) must lie in the surface, at right "
+                f"angles to the normal, got {direction.tolist()} for normal {normal.tolist()}"
+            )
+            raise FeatureError(msg)
+        return rotation_facing(-normal, direction)
+
+    def _vector(self, *columns: str) -> NDArray[np.float64]:
+        return np.array([self._number(column) for column in columns])
+
+    def _optional_number(self, column: str) -> float | None:
+        return self._number(column) if self._cells.get(column) else None
+
+    def _number(self, column: str) -> float:
+        text = self._cells.get(column, "")
+        try:
+            number = float(text)
+        except ValueError as error:
+            msg = f"{self._place}, column {column}: expected a number, got {text!r}"
+            raise FormatError(msg) from error
+        if not math.isfinite(number):
+            msg = f"{self._place}, column {column}: expected a finite number, got {text!r}"
+            raise FeatureError(msg)
+        return number

@@ -1,0 +1,179 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exposight.cell import PRESETS, ActiveSensor, read_sensor, sensor_preset, write_sensor
+from exposight.errors import FormatError, MissingFileError, SensorError, VersionError
+from exposight.geometry import RigidTransform
+
+POSE_TOLERANCE = 1e-12
+"""Reading a pose makes its rotation exactly orthonormal: a few roundings of 1e-16."""
+
+
+# -- exposure times -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exposure", [0.5, 1000.001, -1.0, float("nan"), float("inf")])
+def test_an_exposure_outside_the_range_is_refused_with_range_and_unit(sensor, exposure):
+    with pytest.raises(SensorError, match="'small' takes exposure times from 1 to 1000 ms, got"):
+        sensor.check_exposure(exposure)
+
+
+@pytest.mark.parametrize("exposure", [1.0, 12.3456, 1000.0])
+def test_an_exposure_inside_the_range_is_returned_as_it_is(sensor, exposure):
+    assert sensor.check_exposure(exposure) == exposure
+
+
+@pytest.mark.parametrize(
+    ("wish", "setting"), [(1.0, 1.0), (1.2, 1.0), (1.3, 1.5), (999.9, 1000.0), (37.5, 37.5)]
+)
+def test_the_nearest_exposure_is_a_multiple_of_the_increment(sensor, wish, setting):
+    assert sensor.nearest_exposure(wish) == setting
+
+
+def test_the_nearest_exposure_never_leaves_the_range(sensor):
+    odd = replace(sensor, exposure_min_ms=1.0, exposure_max_ms=2.0, exposure_increment_ms=0.3)
+    assert odd.nearest_exposure(2.0) == 1.9
+
+
+@settings(max_examples=100, deadline=None)
+@given(preset=st.sampled_from(sorted(PRESETS)), share=st.floats(0, 1))
+def test_the_nearest_exposure_is_within_half_an_increment_and_stays(preset, share):
+    sensor = sensor_preset(preset)
+    low, high = sensor.exposure_min_ms, sensor.exposure_max_ms
+    wish = min(low + share * (high - low), high)
+    setting = sensor.nearest_exposure(wish)
+    assert sensor.check_exposure(setting) == setting
+    assert abs(setting - wish) <= sensor.exposure_increment_ms / 2 + 1e-6
+    assert sensor.nearest_exposure(setting) == setting
+
+
+def test_the_nearest_exposure_refuses_what_is_outside(sensor):
+    with pytest.raises(SensorError, match=r"from 1 to 1000 ms, got 0\.9 ms"):
+        sensor.nearest_exposure(0.9)
+
+
+# -- what makes no sensor -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": " "}, "needs a name"),
+        ({"cameras": ()}, "at least one camera and a pose for each, got 0 cameras and 1 poses"),
+        ({"exposure_min_ms": 0.0}, "0 < minimum ≤ maximum and an increment above 0 in ms, got 0"),
+        ({"exposure_max_ms": 0.5}, "0 < minimum ≤ maximum"),
+        ({"exposure_increment_ms": 0.0}, "an increment above 0"),
+        ({"exposure_max_ms": float("nan")}, "0 < minimum ≤ maximum"),
+        ({"working_distance_mm": (800.0, 400.0)}, "0 < near < far in mm, got 800 and 400"),
+        (
+            {"first_from_camera": (RigidTransform(translation_mm=np.ones(3)),)},
+            "the first pose in first_from_camera must be the identity",
+        ),
+    ],
+)
+def test_what_makes_no_sensor_is_refused(sensor, change, message):
+    with pytest.raises(SensorError, match=message):
+        replace(sensor, **change)
+
+
+# -- JSON ---------------------------------------------------------------------------------------
+
+
+def assert_same(one: ActiveSensor, other: ActiveSensor) -> None:
+    assert one.cameras == other.cameras
+    for a, b in zip(one.first_from_camera, other.first_from_camera, strict=True):
+        np.testing.assert_allclose(a.to_matrix(), b.to_matrix(), atol=POSE_TOLERANCE)
+    np.testing.assert_allclose(
+        one.projector.camera_from_projector.to_matrix(),
+        other.projector.camera_from_projector.to_matrix(),
+        atol=POSE_TOLERANCE,
+    )
+    assert one.projector.camera == other.projector.camera
+    for name in ("name", "exposure_min_ms", "exposure_increment_ms", "working_distance_mm"):
+        assert getattr(one, name) == getattr(other, name)
+    assert one.camera_from_tcp == other.camera_from_tcp
+
+
+def test_writing_and_reading_keeps_a_sensor(tmp_path, sensor):
+    write_sensor(tmp_path / "sensor.json", sensor)
+    assert_same(read_sensor(tmp_path / "sensor.json"), sensor)
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_writing_and_reading_keeps_a_preset(preset):
+    sensor = sensor_preset(preset)
+    assert_same(ActiveSensor.from_json(sensor.to_json()), sensor)
+
+
+def test_a_sensor_without_projector_is_kept(sensor):
+    bare = replace(sensor, projector=None)
+    assert ActiveSensor.from_json(bare.to_json()).projector is None
+
+
+def test_numbers_of_numpy_are_written(sensor):
+    odd = replace(sensor, exposure_min_ms=np.float32(2.0), camera_from_tcp=RigidTransform())
+    assert ActiveSensor.from_json(odd.to_json()).exposure_min_ms == 2.0
+
+
+def edited(sensor, **changes):
+    document = json.loads(sensor.to_json())
+    for path, value in changes.items():
+        *parents, key = path.split("__")
+        inner = document
+        for parent in parents:
+            inner = inner[parent]
+        if value is None:
+            del inner[key]
+        else:
+            inner[key] = value
+    return json.dumps(document)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"exposure__min_ms": None}, "key 'exposure.min_ms' is missing"),
+        ({"exposure__gain_db": 3.0}, "key 'exposure.gain_db' is unknown"),
+        ({"colour": "blue"}, "key 'colour' is unknown"),
+        ({"name": 7}, "key 'name': Input should be a valid string, got '7'"),
+        ({"exposure__max_ms": "1000"}, "key 'exposure.max_ms': Input should be a valid number"),
+        ({"exposure__max_ms": float("inf")}, "key 'exposure.max_ms': .*finite"),
+        ({"camera_from_tcp": [[1.0]]}, "camera_from_tcp"),
+        ({"exposure__min_ms": -1.0}, "0 < minimum ≤ maximum"),
+        ({"camera_from_tcp": [[2.0, 0, 0, 0], *np.eye(4)[1:].tolist()]}, "not a rotation"),
+        ({"format": "gpx"}, 'must say "format": "exposight sensor", got \'gpx\''),
+        ({"version": "1"}, "version must be a whole number from 1 to 1, got '1'"),
+    ],
+)
+def test_a_document_that_is_not_right_names_the_key(sensor, changes, message):
+    with pytest.raises(FormatError, match=message):
+        ActiveSensor.from_json(edited(sensor, **changes))
+
+
+def test_a_newer_version_is_refused_whatever_else_it_says(sensor):
+    with pytest.raises(VersionError, match=r"version 2 .* reads up to version 1: update exposight"):
+        ActiveSensor.from_json(edited(sensor, version=2, new_key=1))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "null"])
+def test_what_is_no_object_of_json_is_refused(tmp_path, text):
+    path = tmp_path / "sensor.json"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=r"sensor\.json (is not JSON|must hold a JSON object)"):
+        read_sensor(path)
+
+
+def test_a_binary_file_is_no_sensor(tmp_path):
+    (tmp_path / "sensor.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(FormatError, match="is not UTF-8 text"):
+        read_sensor(tmp_path / "sensor.json")
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MissingFileError, match=r"no sensor file at .*sensor\.json"):
+        read_sensor(tmp_path / "sensor.json")
