@@ -1,0 +1,44 @@
+"""From recorded frames to projector coordinates, and from these to organised clouds."""
+
+from exposight.imaging.agreement import CloudAgreement, compare_along_rays
+from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
+from exposight.imaging.decoding import decode, read_recording
+from exposight.imaging.frames import BitDepth, FrameStack, check_frames, read_frames
+from exposight.imaging.phase_shift import phase_and_modulation, unwrap_step
+from exposight.imaging.re_exposure import re_expose
+from exposight.imaging.sequence_file import read_sequence
+from exposight.imaging.sequences import (
+    SEQUENCE_PRESETS,
+    Fringe,
+    GrayCode,
+    PatternSequence,
+    PhaseShift,
+    sequence_preset,
+)
+from exposight.imaging.triangulation import triangulate
+
+__all__ = [
+    "SEQUENCE_PRESETS",
+    "BitDepth",
+    "CloudAgreement",
+    "DecodedMap",
+    "DecodingCounts",
+    "DecodingLimits",
+    "FrameStack",
+    "Fringe",
+    "GrayCode",
+    "PatternSequence",
+    "PhaseShift",
+    "PixelFlag",
+    "check_frames",
+    "compare_along_rays",
+    "decode",
+    "phase_and_modulation",
+    "re_expose",
+    "read_frames",
+    "read_recording",
+    "read_sequence",
+    "sequence_preset",
+    "triangulate",
+    "unwrap_step",
+]

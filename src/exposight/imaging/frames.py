@@ -1,0 +1,244 @@
+"""Stacks of grey frames taken with one exposure, in memory and from image files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
+
+import cv2
+import numpy as np
+
+from exposight.errors import ImageError, MissingFileError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["BIT_DEPTHS", "BitDepth", "FrameStack", "Frames", "check_frames", "read_frames"]
+
+Frames: TypeAlias = "NDArray[np.uint8] | NDArray[np.uint16]"
+
+BitDepth = Literal[8, 12, 16]
+BIT_DEPTHS: dict[int, type[np.uint8 | np.uint16]] = {8: np.uint8, 12: np.uint16, 16: np.uint16}
+"""Array type for each bit depth; 12 bits stand in the low bits of 16."""
+
+
+def check_frames(frames: NDArray[Any], bit_depth: int) -> Frames:
+    """Return frames as a contiguous stack after checking them against their bit depth.
+
+    Parameters
+    ----------
+    frames : (n, rows, columns) ndarray of uint8 or uint16
+        Grey levels 0 … 2^bit_depth − 1.
+    bit_depth : int
+        8 (uint8), 12 or 16 (uint16).
+
+    Raises
+    ------
+    ImageError
+        If shape, type, bit depth or a grey level does not fit.
+    """
+    if bit_depth not in BIT_DEPTHS:
+        msg = f"a bit depth must be 8, 12 or 16, got {bit_depth}"
+        raise ImageError(msg)
+    array = np.asarray(frames)
+    if array.ndim != 3 or 0 in array.shape:
+        msg = f"frames must have shape (n, rows, columns), none of them 0, got {array.shape}"
+        raise ImageError(msg)
+    expected = BIT_DEPTHS[bit_depth]
+    if array.dtype != expected:
+        msg = (
+            f"{bit_depth}-bit frames must be an array of {np.dtype(expected)}, got {array.dtype}; "
+            "say the right bit depth (8, 12 or 16), or convert the frames"
+        )
+        raise ImageError(msg)
+    if bit_depth == 12 and array.max() > 4095:
+        msg = (
+            f"12-bit grey levels must be at most 4095, got {array.max()}; the camera may write "
+            "them in the high bits: shift them right by 4, or read the stack as 16 bits"
+        )
+        raise ImageError(msg)
+    return np.ascontiguousarray(array)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameStack:
+    """Grey frames of one scene, taken one after the other with one exposure time.
+
+    Parameters
+    ----------
+    frames : (n, rows, columns) ndarray of uint8 or uint16
+        Grey levels; made read-only.
+    bit_depth : 8, 12 or 16
+        12 stands in the low bits of uint16.
+    exposure_ms : float, ms, optional
+        Exposure time; None where it was not recorded.
+    emulated : bool
+        True if the grey levels were not recorded as they are (see `re_expose`).
+
+    Raises
+    ------
+    ImageError
+        If frames and bit depth do not fit, or the exposure time is not positive.
+    """
+
+    frames: Frames
+    bit_depth: BitDepth = 8
+    exposure_ms: float | None = None
+    emulated: bool = False
+
+    def __post_init__(self) -> None:
+        frames = check_frames(self.frames, self.bit_depth).view()
+        if self.exposure_ms is not None and not 0 < self.exposure_ms < np.inf:
+            msg = f"an exposure time must be above 0 ms and finite, got {self.exposure_ms}"
+            raise ImageError(msg)
+        frames.setflags(write=False)
+        object.__setattr__(self, "frames", frames)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return int(self.frames.shape[0])
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """Rows and columns of every frame."""
+        return int(self.frames.shape[1]), int(self.frames.shape[2])
+
+    @property
+    def full_scale(self) -> int:
+        """The largest grey level, at which a sample counts as clipped."""
+        return int(2**self.bit_depth) - 1
+
+
+def read_frames(
+    source: str | Path | Sequence[str | Path],
+    *,
+    pattern: str = "*.png",
+    bit_depth: BitDepth = 8,
+    count: int | None = None,
+    exposure_ms: float | None = None,
+) -> FrameStack:
+    """Read a recording's frames from image files.
+
+    Parameters
+    ----------
+    source : path or sequence of paths
+        A folder, whose files that match `pattern` are taken in natural order (2 before 10); or the
+        files themselves, taken in the order given.
+    pattern : str
+        Which files of a folder are frames.
+    bit_depth : 8, 12 or 16
+        What the files must hold. Colour images are refused, also those with three equal channels:
+        a camera's colour path interpolates and often bends the grey levels, and only the user can
+        know that it did not.
+    count : int, optional
+        How many frames there must be.
+    exposure_ms : float, ms, optional
+        Exposure time of the recording.
+
+    Raises
+    ------
+    MissingFileError
+        If the folder, or a file, is not there, or none matches.
+    ImageError
+        If the number of frames is another, or one is unreadable (truncated, say), of another size
+        than the first, of another bit depth, or in colour.
+    """
+    paths = _frame_paths(source, pattern)
+    _check_count(paths, count)
+    if bit_depth not in BIT_DEPTHS:
+        msg = f"a bit depth must be 8, 12 or 16, got {bit_depth}"
+        raise ImageError(msg)
+    first = _read_grey(paths[0], bit_depth, None)
+    frames = np.empty((len(paths), *first.shape), dtype=first.dtype)
+    frames[0] = first
+
+    def read_into(index: int) -> None:
+        frames[index] = _read_grey(paths[index], bit_depth, first.shape)
+
+    with ThreadPoolExecutor() as pool:  # decoding image files leaves the interpreter free
+        list(pool.map(read_into, range(1, len(paths))))
+    return FrameStack(frames=frames, bit_depth=bit_depth, exposure_ms=exposure_ms)
+
+
+def _frame_paths(source: str | Path | Sequence[str | Path], pattern: str) -> list[Path]:
+    if not isinstance(source, str | Path):
+        paths = [Path(path) for path in source]
+        if not paths:
+            msg = "at least one frame is needed, got an empty list of paths"
+            raise MissingFileError(msg)
+        return paths
+    folder = Path(source)
+    if not folder.is_dir():
+        msg = f"{folder}: expected a folder of frames, found none; check the path"
+        raise MissingFileError(msg)
+    paths = sorted(folder.glob(pattern), key=_natural_key)
+    if not paths:
+        msg = f"{folder}: no frame matches '{pattern}'; give the pattern of the frames' file names"
+        raise MissingFileError(msg)
+    return paths
+
+
+def _natural_key(path: Path) -> list[tuple[bool, int, str]]:
+    parts = re.split(r"(\d+)", path.name)
+    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]
+
+
+def _check_count(paths: list[Path], count: int | None) -> None:
+    if count is None or len(paths) == count:
+        return
+    msg = f"{paths[0].parent}: expected {count} frames, found {len(paths)}"
+    gaps = _missing_numbers(paths)
+    if gaps:
+        msg += f"; the numbering skips {', '.join(map(str, gaps))}"
+    msg += "; check that the recording is complete and that the pattern matches frames only"
+    raise ImageError(msg)
+
+
+def _missing_numbers(paths: list[Path]) -> list[int]:
+    """Return numbers that the last number in the file names skips, at most eight."""
+    found = [re.findall(r"\d+", path.stem) for path in paths]
+    if not all(found):
+        return []
+    numbers = [int(digits[-1]) for digits in found]
+    return [gap for a, b in pairwise(numbers) for gap in range(a + 1, min(b, a + 9))][:8]
+
+
+def _read_grey(path: Path, bit_depth: int, shape: tuple[int, ...] | None) -> Frames:
+    if not path.is_file():
+        msg = f"{path}: no such frame"
+        raise MissingFileError(msg)
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        msg = f"{path}: cannot be read as an image; it may be truncated: copy or record it again"
+        raise ImageError(msg)
+    if image.ndim != 2:
+        msg = (
+            f"{path}: expected a {bit_depth}-bit grey image, got {image.shape[2]} channels; record "
+            "in grey, or save one channel of it as a grey image"
+        )
+        raise ImageError(msg)
+    if image.dtype != BIT_DEPTHS[bit_depth]:
+        msg = (
+            f"{path}: expected a {bit_depth}-bit grey image, got {8 * image.dtype.itemsize} bits "
+            "per pixel; say the bit depth of the recording (8, 12 or 16)"
+        )
+        raise ImageError(msg)
+    if bit_depth == 12 and image.max() > 4095:
+        msg = (
+            f"{path}: 12-bit grey levels must be at most 4095, got {image.max()}; the camera may "
+            "write them in the high bits: read the recording as 16 bits"
+        )
+        raise ImageError(msg)
+    if shape is not None and image.shape != shape:
+        msg = (
+            f"{path}: expected {shape[0]} rows × {shape[1]} columns as in the first frame, got "
+            f"{image.shape[0]} × {image.shape[1]}; frames of one recording have one size"
+        )
+        raise ImageError(msg)
+    return cast("Frames", image)

@@ -1,0 +1,279 @@
+"""Phase shift: from N ≥ 3 shifted fringes to a phase, and from phases to projector coordinates.
+
+For I_k = A + B·cos(φ − δ_k) the least-squares solution of A, B·cos φ and B·sin φ is linear in the
+samples. With three equal steps it is φ = atan2(√3·(I₂ − I₃), 2·I₁ − I₂ − I₃). A phase of p periods
+over a projector of W px means the coordinate φ/(2π·p)·W, phase 0 being the centre of pixel 0.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+
+from exposight.errors import ImageError
+from exposight.imaging.decoded import DecodingLimits, PixelFlag
+from exposight.imaging.gray_code import AxisMap, decode_gray_code
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from exposight.imaging.frames import Frames, FrameStack
+    from exposight.imaging.sequences import Fringe, PhaseShift
+
+__all__ = ["decode_phase_shift", "phase_and_modulation", "unwrap_step"]
+
+_LOW = np.uint8(PixelFlag.LOW_MODULATION)
+_CLIPPED = np.uint8(PixelFlag.CLIPPED)
+_AMBIGUOUS = np.uint8(PixelFlag.AMBIGUOUS)
+_OUTSIDE = np.uint8(PixelFlag.OUTSIDE)
+
+
+def _solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
+    """Return the (3, n) pseudo-inverse that takes samples to A, B·cos φ, B·sin φ."""
+    shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
+    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
+    return np.asarray(np.linalg.pinv(design))
+
+
+def phase_and_modulation(
+    samples: ArrayLike, shifts_deg: Sequence[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Solve I_k = A + B·cos(φ − δ_k) for every pixel by least squares.
+
+    Parameters
+    ----------
+    samples : (n, ...) array_like, grey levels
+        One image, or number, per step.
+    shifts_deg : (n,) sequence of float, degrees
+        δ_k; n ≥ 3.
+
+    Returns
+    -------
+    phase : (...) ndarray, rad
+        φ in [0, 2π).
+    modulation, mean : (...) ndarray, grey levels
+        B and A.
+
+    Raises
+    ------
+    ImageError
+        If steps are fewer than three or do not match the shifts.
+    """
+    array = np.asarray(samples, dtype=np.float64)
+    if len(shifts_deg) < 3 or array.shape[:1] != (len(shifts_deg),):
+        msg = (
+            f"a phase needs at least 3 samples and as many shifts, got {array.shape[:1]} samples "
+            f"and {len(shifts_deg)} shifts"
+        )
+        raise ImageError(msg)
+    mean, cosine, sine = np.tensordot(_solver(shifts_deg), array, axes=1)
+    return np.arctan2(sine, cosine) % (2 * np.pi), np.hypot(sine, cosine), mean
+
+
+def unwrap_step(
+    coarse_px: ArrayLike, phase: ArrayLike, period_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Make one fringe's phase absolute by a coarser coordinate, and keep the fringe's precision.
+
+    Parameters
+    ----------
+    coarse_px : (...) array_like, px
+        Projector coordinate, right to less than half a period.
+    phase : (...) array_like, rad
+        The fringe's phase.
+    period_px : float, px
+        The fringe's period.
+
+    Returns
+    -------
+    fine_px : (...) ndarray, px
+        The coordinate with this phase that is nearest to the coarse one.
+    residual : (...) ndarray, periods
+        (coarse − fine)/period, in [−½, ½].
+    """
+    coarse = np.asarray(coarse_px, dtype=np.float64)
+    within = np.asarray(phase, dtype=np.float64) * (period_px / (2 * np.pi))
+    fine = within + period_px * np.rint((coarse - within) / period_px)
+    return fine, (coarse - fine) / period_px
+
+
+def decode_phase_shift(
+    stack: FrameStack,
+    phase_shift: PhaseShift,
+    *,
+    size: int,
+    white_frame: int | None,
+    black_frame: int | None,
+    limits: DecodingLimits,
+) -> AxisMap:
+    """Decode the phase-shifted fringes of one projector axis.
+
+    Parameters
+    ----------
+    stack : FrameStack
+        All frames of the recording.
+    phase_shift : PhaseShift
+        Which of them are its steps.
+    size : int, px
+        The projector's length along this axis.
+    white_frame, black_frame : int or None
+        Used by the Gray code, where there is one.
+    limits : DecodingLimits
+        When a pixel counts as decoded.
+
+    Returns
+    -------
+    AxisMap
+        A pixel with a clipped sample has no coordinate: its phase is wrong.
+    """
+    fringes = phase_shift.fringes
+    if phase_shift.gray_code is None:
+        coarse, modulation, flags = _unknown(stack.image_shape)
+    else:
+        coarse, modulation, flags = decode_gray_code(
+            stack,
+            phase_shift.gray_code,
+            size=size,
+            white_frame=white_frame,
+            black_frame=black_frame,
+            limits=limits,
+        )
+    coordinate = np.empty(stack.image_shape)
+    rungs, periods_px = _ladder(fringes, size, has_gray_code=phase_shift.gray_code is not None)
+    solvers = [_solver(fringe.shifts_deg) for fringe in fringes]
+    # A whole number of periods repeats at the border: there, −ε and W − ε look alike.
+    cyclic = coarse.size == 0 and all(float(fringe.periods).is_integer() for fringe in fringes)
+    _unwrap(
+        stack.frames,
+        np.concatenate([fringe.frames for fringe in fringes]).astype(np.int64),
+        np.cumsum([0, *(len(fringe.frames) for fringe in fringes)]),
+        np.concatenate([solver[1] for solver in solvers]),
+        np.concatenate([solver[2] for solver in solvers]),
+        rungs,
+        periods_px,
+        coarse,
+        size,
+        cyclic,
+        stack.full_scale,
+        255.0 / stack.full_scale,
+        limits.min_modulation,
+        limits.max_residual,
+        coordinate,
+        modulation,
+        flags,
+    )
+    return AxisMap(coordinate, modulation, flags)
+
+
+def _unknown(shape: tuple[int, int]) -> AxisMap:
+    """Return what is known before any fringe: nothing, as an empty array, and no flag."""
+    modulation = np.full(shape, np.inf, dtype=np.float32)
+    return AxisMap(np.empty((0, 0)), modulation, np.zeros(shape, dtype=np.uint8))
+
+
+def _ladder(
+    fringes: Sequence[Fringe], size: int, *, has_gray_code: bool
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the steps of unwrapping: (fringe, fringe to subtract or −1) and each one's period."""
+    rungs = [(i, -1) for i in range(len(fringes))]
+    periods_px = [size / fringe.periods for fringe in fringes]
+    if has_gray_code:
+        for coarse, fine in list(pairwise(fringes))[:1]:
+            rungs.insert(0, (1, 0))
+            periods_px.insert(0, size / (fine.periods - coarse.periods))
+    return np.array(rungs, dtype=np.int64), np.array(periods_px)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _climb(
+    phase: NDArray[np.float64],
+    rungs: NDArray[np.int64],
+    periods_px: NDArray[np.float64],
+    absolute: float,
+    is_known: bool,
+    size: int,
+) -> tuple[float, float]:
+    """Unwrap one pixel's phases (in periods) rung by rung; return coordinate and worst residual."""
+    worst = 0.0
+    for i in range(periods_px.size):
+        part = phase[rungs[i, 0]]
+        if rungs[i, 1] >= 0:
+            part -= phase[rungs[i, 1]]
+        if i == 0 and not is_known:
+            # Of the values a period apart, the one nearest to the projector's middle.
+            middle = 0.5 * (size - 1) / periods_px[0]
+            absolute = (part + np.rint(middle - part)) * periods_px[0]
+            continue
+        order = np.rint(absolute / periods_px[i] - part)
+        fine = (part + order) * periods_px[i]
+        # The first step after a Gray code only bridges the code's width: that is no residual.
+        if i > 0:
+            worst = max(worst, abs(absolute - fine) / periods_px[i])
+        absolute = fine
+    return absolute, worst
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def _unwrap(
+    frames: Frames,
+    frame: NDArray[np.int64],
+    first: NDArray[np.int64],
+    to_cosine: NDArray[np.float64],
+    to_sine: NDArray[np.float64],
+    rungs: NDArray[np.int64],
+    periods_px: NDArray[np.float64],
+    coarse: NDArray[np.float64],
+    size: int,
+    cyclic: bool,
+    full_scale: int,
+    scale: float,
+    min_modulation: float,
+    max_residual: float,
+    coordinate: NDArray[np.float64],
+    modulation: NDArray[np.float32],
+    flags: NDArray[np.uint8],
+) -> None:
+    """Fill coordinate, modulation and flags; fringe i uses steps first[i] … first[i + 1] − 1."""
+    n_fringes = first.size - 1
+    turn = 2.0 * np.pi
+    for r in numba.prange(coordinate.shape[0]):
+        cosine, sine, phase = np.empty(n_fringes), np.empty(n_fringes), np.empty(n_fringes)
+        for c in range(coordinate.shape[1]):
+            coordinate[r, c] = np.nan
+            flag = flags[r, c]
+            weakest = float(modulation[r, c])
+            for i in range(n_fringes):
+                cosine[i], sine[i] = 0.0, 0.0
+                for k in range(first[i], first[i + 1]):
+                    sample = frames[frame[k], r, c]
+                    cosine[i] += to_cosine[k] * sample
+                    sine[i] += to_sine[k] * sample
+                    if sample >= full_scale:
+                        flag |= _CLIPPED
+                amplitude = np.sqrt(cosine[i] * cosine[i] + sine[i] * sine[i]) * scale
+                weakest = min(weakest, amplitude)
+            modulation[r, c] = weakest
+            if weakest < min_modulation or weakest <= 0.0:
+                flag |= _LOW
+            absolute = 0.0
+            if coarse.size:
+                absolute = coarse[r, c]
+            flags[r, c] = flag
+            if flag & (_LOW | _CLIPPED) or np.isnan(absolute):
+                continue
+            for i in range(n_fringes):
+                phase[i] = np.arctan2(sine[i], cosine[i]) / turn
+            absolute, residual = _climb(phase, rungs, periods_px, absolute, coarse.size > 0, size)
+            if cyclic:
+                absolute -= size * np.floor((absolute + 0.5) / size)
+            if residual > max_residual:
+                flags[r, c] = flag | _AMBIGUOUS
+            elif absolute < -0.5 or absolute >= size - 0.5:
+                flags[r, c] = flag | _OUTSIDE
+            else:
+                coordinate[r, c] = absolute

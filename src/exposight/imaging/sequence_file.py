@@ -1,0 +1,134 @@
+"""Pattern sequences as users write them, in TOML.
+
+::
+
+    name = "my sensor"
+    projector_width = 1824
+    projector_height = 1140
+    bit_depth = 8                  # 8, 12 or 16
+    file_pattern = "*.png"
+    white_frame = 0                # both or neither
+    black_frame = 1
+
+    [columns.gray_code]            # and likewise [rows.gray_code]
+    frames = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11]    # most significant bit first
+    inverse_frames = []
+    code_width = 2                 # projector px
+
+    [[columns.fringes]]            # from few periods to many; with or without gray_code
+    periods = 16
+    frames = [12, 13, 14]
+    shifts_deg = [0, 120, 240]     # equal steps if left out
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from exposight.errors import FormatError, ImageError, MissingFileError
+from exposight.imaging.frames import BitDepth
+from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
+
+__all__ = ["read_sequence"]
+
+_Frame = Annotated[int, Field(ge=0)]
+_STRICT = ConfigDict(extra="forbid", frozen=True)
+
+
+class _GrayCodeTable(BaseModel):
+    model_config = _STRICT
+    frames: tuple[_Frame, ...]
+    inverse_frames: tuple[_Frame, ...] = ()
+    code_width: int = 1
+
+
+class _FringeTable(BaseModel):
+    model_config = _STRICT
+    periods: float
+    frames: tuple[_Frame, ...]
+    shifts_deg: tuple[float, ...] = ()
+
+
+class _AxisTable(BaseModel):
+    model_config = _STRICT
+    gray_code: _GrayCodeTable | None = None
+    fringes: tuple[_FringeTable, ...] = ()
+
+    def coding(self, axis: str) -> GrayCode | PhaseShift:
+        gray = GrayCode(**self.gray_code.model_dump()) if self.gray_code else None
+        if self.fringes:
+            fringes = tuple(Fringe(**fringe.model_dump()) for fringe in self.fringes)
+            return PhaseShift(fringes=fringes, gray_code=gray)
+        if gray is None:
+            msg = f"[{axis}] needs a gray_code table, fringes, or both"
+            raise ImageError(msg)
+        return gray
+
+
+class _SequenceTable(BaseModel):
+    model_config = _STRICT
+    name: str
+    projector_width: int
+    projector_height: int
+    columns: _AxisTable | None = None
+    rows: _AxisTable | None = None
+    white_frame: _Frame | None = None
+    black_frame: _Frame | None = None
+    bit_depth: BitDepth = 8
+    file_pattern: str = "*.png"
+
+
+def read_sequence(path: str | Path) -> PatternSequence:
+    """Read a pattern sequence from a TOML file (see the module's docstring).
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it is not TOML, a key is unknown, missing or of the wrong type, or the pieces do not
+        fit together.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"{path}: no such pattern sequence; expected a TOML file"
+        raise MissingFileError(msg)
+    try:
+        table = _SequenceTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return PatternSequence(
+            name=table.name,
+            projector_width=table.projector_width,
+            projector_height=table.projector_height,
+            columns=table.columns.coding("columns") if table.columns else None,
+            rows=table.rows.coding("rows") if table.rows else None,
+            white_frame=table.white_frame,
+            black_frame=table.black_frame,
+            bit_depth=table.bit_depth,
+            file_pattern=table.file_pattern,
+        )
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        msg = f"{path}: not TOML: {error}"
+        raise FormatError(msg) from error
+    except ValidationError as error:
+        msg = f"{path}: not a pattern sequence: {_faults(error)}"
+        raise FormatError(msg) from error
+    except ImageError as error:
+        msg = f"{path}: {error}"
+        raise FormatError(msg) from error
+
+
+def _faults(error: ValidationError) -> str:
+    faults = []
+    for fault in error.errors():
+        key = ".".join(map(str, fault["loc"]))
+        if fault["type"] == "extra_forbidden":
+            faults.append(f"unknown key '{key}'")
+        elif fault["type"] == "missing":
+            faults.append(f"key '{key}' is missing")
+        else:
+            faults.append(f"'{key}': {fault['msg']}, got {fault['input']!r}")
+    return "; ".join(faults)

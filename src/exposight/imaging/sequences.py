@@ -1,0 +1,362 @@
+"""Which frame of a recording means what: Gray code, phase shift, and where they stand.
+
+A pattern sequence codes the projector's columns, its rows, or both. Projector coordinates follow
+``docs/conventions.md``: pixel centres are integers, so code c of a Gray code whose codes are w
+pixels wide covers c·w − ½ … (c + 1)·w − ½, and a fringe's phase is 0 at the centre of column 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import ImageError
+from exposight.imaging.frames import BIT_DEPTHS, BitDepth
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "SEQUENCE_PRESETS",
+    "Fringe",
+    "GrayCode",
+    "PatternSequence",
+    "PhaseShift",
+    "sequence_preset",
+]
+
+_MAX_BITS = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrayCode:
+    """Binary reflected Gray code of one projector axis.
+
+    Parameters
+    ----------
+    frames : tuple of int
+        Frame of every bit, most significant first.
+    inverse_frames : tuple of int
+        Frame of every bit's inverse; empty where bits are told by the middle of the sequence's
+        white and black frames.
+    code_width : int, px
+        Projector pixels per code: 2 where the finest of the bits was left out.
+
+    Raises
+    ------
+    ImageError
+        If there is no bit or more than 16, the inverses do not match, or the width is below 1.
+    """
+
+    frames: tuple[int, ...]
+    inverse_frames: tuple[int, ...] = ()
+    code_width: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.frames) <= _MAX_BITS:
+            msg = f"a Gray code needs 1 to {_MAX_BITS} frames, got {len(self.frames)}"
+            raise ImageError(msg)
+        if self.inverse_frames and len(self.inverse_frames) != len(self.frames):
+            msg = (
+                f"a Gray code of {len(self.frames)} frames needs as many inverse frames or none, "
+                f"got {len(self.inverse_frames)}"
+            )
+            raise ImageError(msg)
+        if self.code_width < 1:
+            msg = f"a Gray code's width must be at least 1 projector px, got {self.code_width}"
+            raise ImageError(msg)
+
+    @property
+    def all_frames(self) -> tuple[int, ...]:
+        """Every frame it uses."""
+        return self.frames + self.inverse_frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fringe:
+    """One sinusoidal fringe, shifted N ≥ 3 times: I_k = A + B·cos(φ − δ_k).
+
+    Parameters
+    ----------
+    periods : float
+        Periods across the projector's width (for columns) or height (for rows).
+    frames : tuple of int
+        Frame of every step.
+    shifts_deg : tuple of float, degrees
+        δ_k of every step; empty for equal steps δ_k = k·360°/N.
+
+    Raises
+    ------
+    ImageError
+        If steps are too few, do not match the shifts, or leave the phase undetermined.
+    """
+
+    periods: float
+    frames: tuple[int, ...]
+    shifts_deg: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0 < self.periods < math.inf:
+            msg = f"a fringe's number of periods must be above 0, got {self.periods}"
+            raise ImageError(msg)
+        if len(self.frames) < 3:
+            msg = f"a phase shift needs at least 3 steps, got {len(self.frames)} frames"
+            raise ImageError(msg)
+        if not self.shifts_deg:
+            n = len(self.frames)
+            object.__setattr__(self, "shifts_deg", tuple(360.0 * k / n for k in range(n)))
+        if len(self.shifts_deg) != len(self.frames):
+            msg = f"{len(self.frames)} steps need as many shifts, got {len(self.shifts_deg)}"
+            raise ImageError(msg)
+        shifts = np.exp(1j * np.radians(self.shifts_deg))
+        design = np.column_stack([np.ones(len(shifts)), shifts.real, shifts.imag])
+        if not np.isfinite(shifts).all() or np.linalg.cond(design) > 100.0:
+            msg = (
+                "a phase needs at least three different shifts, well apart over a period, got "
+                f"{self.shifts_deg} degrees"
+            )
+            raise ImageError(msg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseShift:
+    """Phase-shifted fringes of one projector axis, unwrapped from coarse to fine.
+
+    Without a Gray code the first fringe must have at most one period, and so is absolute. With
+    one, the Gray code is what the fringes are unwrapped against; where there are two fringes or
+    more, the beat of the two coarsest stands between, since a code is uncertain by its width.
+
+    Parameters
+    ----------
+    fringes : tuple of Fringe
+        In ascending order of their periods.
+    gray_code : GrayCode, optional
+        Coarse coordinate.
+
+    Raises
+    ------
+    ImageError
+        If the fringes do not ascend, or nothing makes the coarsest absolute.
+    """
+
+    fringes: tuple[Fringe, ...]
+    gray_code: GrayCode | None = None
+
+    def __post_init__(self) -> None:
+        periods = [fringe.periods for fringe in self.fringes]
+        if not periods or any(fine <= coarse for coarse, fine in pairwise(periods)):
+            msg = f"fringes must be given from few periods to many, at least one, got {periods}"
+            raise ImageError(msg)
+        if self.gray_code is None and periods[0] > 1:
+            msg = (
+                f"without a Gray code the coarsest fringe must have one period, got {periods[0]:g};"
+                " add such a fringe or a Gray code"
+            )
+            raise ImageError(msg)
+
+    @property
+    def all_frames(self) -> tuple[int, ...]:
+        """Every frame it uses."""
+        own = tuple(frame for fringe in self.fringes for frame in fringe.frames)
+        return own + (self.gray_code.all_frames if self.gray_code else ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatternSequence:
+    """What the frames of a recording mean.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    projector_width, projector_height : int, px
+        Size of the projector's image.
+    columns, rows : GrayCode or PhaseShift, optional
+        How projector columns (u) and rows (v) are coded; at least one of them is.
+    white_frame, black_frame : int, optional
+        Fully lit and unlit frame; both or neither. Gray code without inverse frames needs them.
+    bit_depth : 8, 12 or 16
+        Of the recorded frames.
+    file_pattern : str
+        Which files of the recording's folder are its frames.
+
+    Raises
+    ------
+    ImageError
+        If the pieces do not fit together.
+    """
+
+    name: str
+    projector_width: int
+    projector_height: int
+    columns: GrayCode | PhaseShift | None = None
+    rows: GrayCode | PhaseShift | None = None
+    white_frame: int | None = None
+    black_frame: int | None = None
+    bit_depth: BitDepth = 8
+    file_pattern: str = "*.png"
+
+    def __post_init__(self) -> None:
+        if min(self.projector_width, self.projector_height) < 1:
+            msg = (
+                "a projector's size must be positive, got "
+                f"{self.projector_width} × {self.projector_height} px"
+            )
+            raise ImageError(msg)
+        if self.columns is None and self.rows is None:
+            msg = "a pattern sequence must code the projector's columns, its rows, or both"
+            raise ImageError(msg)
+        if self.bit_depth not in BIT_DEPTHS:
+            msg = f"a bit depth must be 8, 12 or 16, got {self.bit_depth}"
+            raise ImageError(msg)
+        self._check_frames()
+        for axis, coding, size in self.axes():
+            _check_axis(axis, coding, size)
+
+    def _check_frames(self) -> None:
+        if (self.white_frame is None) != (self.black_frame is None):
+            msg = "a white and a black frame are given together or not at all"
+            raise ImageError(msg)
+        for axis, coding, _ in self.axes():
+            gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+            if gray is not None and not gray.inverse_frames and self.white_frame is None:
+                msg = (
+                    f"the Gray code of the {axis} has no inverse frames; say which frames are "
+                    "white and black, or which are the inverses"
+                )
+                raise ImageError(msg)
+        used = self._used_frames()
+        if min(used) < 0:
+            msg = f"frames are numbered from 0, got {min(used)}"
+            raise ImageError(msg)
+        twice = sorted({frame for frame in used if used.count(frame) > 1})
+        if twice:
+            msg = f"a frame has one meaning, but {twice} are used more than once"
+            raise ImageError(msg)
+
+    def _used_frames(self) -> list[int]:
+        used = [frame for _, coding, _ in self.axes() for frame in coding.all_frames]
+        return used + [f for f in (self.white_frame, self.black_frame) if f is not None]
+
+    def axes(self) -> list[tuple[str, GrayCode | PhaseShift, int]]:
+        """Return name, coding and length in px of every coded projector axis."""
+        axes = (
+            ("columns", self.columns, self.projector_width),
+            ("rows", self.rows, self.projector_height),
+        )
+        return [(axis, coding, size) for axis, coding, size in axes if coding is not None]
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames that a recording must have."""
+        return max(self._used_frames()) + 1
+
+
+def _check_axis(axis: str, coding: GrayCode | PhaseShift, size: int) -> None:
+    gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+    if gray is None:
+        return
+    covered = 2 ** len(gray.frames) * gray.code_width
+    if covered < size:
+        msg = (
+            f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; check "
+            "the number of bits and the width of a code"
+        )
+        raise ImageError(msg)
+    if isinstance(coding, PhaseShift):
+        periods = [fringe.periods for fringe in coding.fringes]
+        coarsest = size / (periods[1] - periods[0]) if len(periods) > 1 else size / periods[0]
+        if coarsest < gray.code_width:
+            msg = (
+                f"the Gray code of the {axis} is {gray.code_width} px wide, more than the "
+                f"{coarsest:g} px over which the coarsest fringes are unambiguous"
+            )
+            raise ImageError(msg)
+
+
+def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:
+    return tuple(range(first, stop, step))
+
+
+def _foam_axis(size: int, first_fringe: int, gray: tuple[int, int]) -> PhaseShift:
+    """Code one axis by fringes of 66.7 and 100 px, three steps δ = 120°, 0°, −120°."""
+    shifts = (120.0, 0.0, -120.0)
+    fine = _frames(first_fringe, first_fringe + 3)
+    coarse = _frames(first_fringe + 3, first_fringe + 6)
+    return PhaseShift(
+        fringes=(
+            Fringe(periods=size / 100, frames=coarse, shifts_deg=shifts),
+            Fringe(periods=size * 3 / 200, frames=fine, shifts_deg=shifts),
+        ),
+        gray_code=GrayCode(
+            frames=_frames(*gray, 2),
+            inverse_frames=_frames(gray[0] + 1, gray[1], 2),
+            code_width=100,
+        ),
+    )
+
+
+SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
+    {
+        "skull_gray": PatternSequence(
+            name="SLStudio Gray code, ten of eleven bits",
+            projector_width=1824,
+            projector_height=1140,
+            columns=GrayCode(frames=_frames(2, 12), code_width=2),
+            white_frame=0,
+            black_frame=1,
+        ),
+        "skull_2x3": PatternSequence(
+            name="SLStudio phase shift, 16 periods and 1, three steps each",
+            projector_width=1824,
+            projector_height=1140,
+            columns=PhaseShift(
+                # The fine fringe comes first in this recording.
+                fringes=(
+                    Fringe(periods=1, frames=(3, 4, 5)),
+                    Fringe(periods=16, frames=(0, 1, 2)),
+                )
+            ),
+        ),
+        "board": PatternSequence(
+            name="OpenCV Gray code with inverse frames, 1024 × 768",
+            projector_width=1024,
+            projector_height=768,
+            columns=GrayCode(frames=_frames(0, 20, 2), inverse_frames=_frames(1, 20, 2)),
+            rows=GrayCode(frames=_frames(20, 40, 2), inverse_frames=_frames(21, 40, 2)),
+            white_frame=40,
+            black_frame=41,
+            file_pattern="graycode_*.png",
+        ),
+        "foam": PatternSequence(
+            name="Gray code of 100 px, fringes of 100 and 66.7 px, both axes of a display",
+            projector_width=1920,
+            projector_height=1080,
+            columns=_foam_axis(1920, 0, (12, 22)),
+            rows=_foam_axis(1080, 6, (22, 30)),
+            white_frame=30,
+            black_frame=31,
+            file_pattern="pat*.png",
+        ),
+    }
+)
+"""Sequences of public recordings, by name."""
+
+
+def sequence_preset(name: str) -> PatternSequence:
+    """Return a preset by its name.
+
+    Raises
+    ------
+    ImageError
+        If there is no such preset.
+    """
+    if name not in SEQUENCE_PRESETS:
+        msg = f"no pattern sequence '{name}'; there are {', '.join(SEQUENCE_PRESETS)}"
+        raise ImageError(msg)
+    return SEQUENCE_PRESETS[name]

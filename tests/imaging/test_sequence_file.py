@@ -1,0 +1,59 @@
+import pytest
+
+from exposight.errors import FormatError, MissingFileError
+from exposight.imaging import Fringe, GrayCode, PhaseShift, read_sequence
+
+HEAD = 'name = "mine"\nprojector_width = 16\nprojector_height = 8\n'
+GRAY = "[columns.gray_code]\nframes = [0, 1, 2, 3]\ninverse_frames = [4, 5, 6, 7]\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text):
+        path = tmp_path / "sequence.toml"
+        path.write_text(text, encoding="utf-8")
+        return read_sequence(path)
+
+    return read_text
+
+
+def test_gray_code(read):
+    sequence = read(HEAD + 'bit_depth = 12\nfile_pattern = "p*.tif"\n' + GRAY)
+    assert sequence.columns == GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+    assert sequence.rows is None
+    assert (sequence.bit_depth, sequence.file_pattern) == (12, "p*.tif")
+
+
+def test_fringes(read):
+    sequence = read(HEAD + "[[rows.fringes]]\nperiods = 1\nframes = [0, 1, 2]\n")
+    assert sequence.rows == PhaseShift(fringes=(Fringe(periods=1, frames=(0, 1, 2)),))
+
+
+def test_fringes_within_gray_code(read):
+    sequence = read(HEAD + GRAY + "[[columns.fringes]]\nperiods = 8\nframes = [8, 9, 10]\n")
+    assert isinstance(sequence.columns, PhaseShift)
+    assert sequence.columns.gray_code == GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(MissingFileError, match=r"none\.toml: no such pattern sequence"):
+        read_sequence(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name = ", "not TOML"),
+        (HEAD + "colour = 1\n" + GRAY, "unknown key 'colour'"),
+        (HEAD + GRAY + "bits = 4\n", "unknown key 'columns.gray_code.bits'"),
+        ('name = "x"\nprojector_width = 8\n' + GRAY, "key 'projector_height' is missing"),
+        (HEAD + "bit_depth = 10\n" + GRAY, "'bit_depth': .*got 10"),
+        (HEAD + "white_frame = -1\n" + GRAY, "'white_frame': .*got -1"),
+        (HEAD + "[columns]\n", r"\[columns\] needs a gray_code table, fringes, or both"),
+        (HEAD, "columns, its rows, or both"),
+        (HEAD + "[[rows.fringes]]\nperiods = 1\nframes = [0, 1]\n", "at least 3 steps, got 2"),
+    ],
+)
+def test_bad_files(read, text, message):
+    with pytest.raises(FormatError, match=rf"sequence\.toml: .*{message}"):
+        read(text)

@@ -1,0 +1,86 @@
+import pytest
+
+from exposight.errors import ImageError
+from exposight.imaging import (
+    SEQUENCE_PRESETS,
+    Fringe,
+    GrayCode,
+    PatternSequence,
+    PhaseShift,
+    sequence_preset,
+)
+
+COARSE = Fringe(periods=1, frames=(0, 1, 2))
+FINE = Fringe(periods=16, frames=(3, 4, 5))
+GRAY = GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+
+
+@pytest.mark.parametrize(
+    ("name", "n_frames"), [("skull_gray", 12), ("skull_2x3", 6), ("board", 42), ("foam", 32)]
+)
+def test_presets_use_all_their_frames(name, n_frames):
+    assert sequence_preset(name).n_frames == n_frames
+
+
+def test_unknown_preset_lists_the_known():
+    with pytest.raises(ImageError, match=r"no pattern sequence 'door'; there are skull_gray, "):
+        sequence_preset("door")
+
+
+def test_presets_cannot_be_changed():
+    with pytest.raises(TypeError):
+        SEQUENCE_PRESETS["mine"] = sequence_preset("board")
+
+
+def test_steps_are_equal_by_default():
+    assert Fringe(periods=1, frames=(0, 1, 2, 3)).shifts_deg == (0.0, 90.0, 180.0, 270.0)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: GrayCode(frames=()), "needs 1 to 16 frames, got 0"),
+        (lambda: GrayCode(frames=(0, 1), inverse_frames=(2,)), "as many inverse frames or none"),
+        (lambda: GrayCode(frames=(0,), code_width=0), "width must be at least 1"),
+        (lambda: Fringe(periods=0, frames=(0, 1, 2)), "periods must be above 0"),
+        (lambda: Fringe(periods=1, frames=(0, 1)), "at least 3 steps, got 2"),
+        (lambda: Fringe(periods=1, frames=(0, 1, 2), shifts_deg=(0, 1)), "as many shifts, got 2"),
+        (
+            lambda: Fringe(periods=1, frames=(0, 1, 2), shifts_deg=(0, 180, 360)),
+            "at least three different shifts",
+        ),
+        (lambda: PhaseShift(fringes=()), "from few periods to many, at least one"),
+        (lambda: PhaseShift(fringes=(FINE, COARSE)), "from few periods to many"),
+        (lambda: PhaseShift(fringes=(FINE,)), "the coarsest fringe must have one period, got 16"),
+    ],
+)
+def test_bad_codings(build, message):
+    with pytest.raises(ImageError, match=message):
+        build()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "columns, its rows, or both"),
+        ({"columns": GRAY, "projector_width": 0}, "a projector's size must be positive"),
+        ({"columns": GRAY, "bit_depth": 10}, "a bit depth must be 8, 12 or 16, got 10"),
+        ({"columns": GRAY, "white_frame": 9}, "given together or not at all"),
+        ({"columns": GrayCode(frames=(0, 1, 2, 3))}, "of the columns has no inverse frames"),
+        ({"columns": GRAY, "rows": GRAY}, r"but \[0, 1, .*\] are used more than once"),
+        ({"columns": GRAY, "projector_width": 17}, "covers 16 px of a projector of 17 px"),
+        (
+            {
+                "columns": PhaseShift(
+                    fringes=(Fringe(periods=32, frames=(8, 9, 10)),),
+                    gray_code=GrayCode(frames=(0,), inverse_frames=(1,), code_width=8),
+                )
+            },
+            "more than the 0.5 px over which the coarsest fringes are unambiguous",
+        ),
+        ({"columns": GrayCode(frames=(-1,), inverse_frames=(0,), code_width=16)}, "from 0, got -1"),
+    ],
+)
+def test_bad_sequences(settings, message):
+    with pytest.raises(ImageError, match=message):
+        PatternSequence(**{"name": "x", "projector_width": 16, "projector_height": 9, **settings})
