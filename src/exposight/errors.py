@@ -7,7 +7,7 @@ Every message says what was expected, what came, and what to do about it. ::
     │   ├── PoseError            not a rigid transform, or a rotation convention nobody named
     │   ├── FeatureError         a feature, or a part's feature list, makes no sense
     │   ├── SensorError          a sensor's description, or an exposure it cannot take
-    │   ├── ImageError           frames that are missing, truncated, differently sized or of another depth
+    │   ├── ImageError           frames missing, truncated, differently sized or of another depth
     │   ├── CloudError           a point cloud that is empty or malformed
     │   └── ObservationError     a table of observations that cannot be learnt from
     ├── FileError                a file or folder on disk

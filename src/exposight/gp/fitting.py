@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
 
 from exposight.errors import InputError, NotPositiveDefiniteError, NumericalError
 from exposight.gp.bounds import NOISE_VARIANCE, Bounds, DataScale, starting_values
@@ -223,14 +224,17 @@ def _run(
         return value, -gradient / len(y)
 
     try:
-        found = minimize(
-            objective,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=limits,
-            options={**_OPTIONS, "maxiter": max_iterations},
-        )
+        # At a few thousand rows a second BLAS thread gains little, and costs up to tenfold where
+        # other work wants the same cores: OpenBLAS spins while it waits.
+        with threadpool_limits(limits=1, user_api="blas"):
+            found = minimize(
+                objective,
+                start,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=limits,
+                options={**_OPTIONS, "maxiter": max_iterations},
+            )
     except NotPositiveDefiniteError as error:
         return StartResult(
             start=start,

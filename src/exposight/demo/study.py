@@ -1,0 +1,419 @@
+"""The main job, end to end, on the recorded skull.
+
+Stripes are decoded to a point cloud, ring features are placed on it, an exposure sweep is emulated
+from the recorded frames, every feature is observed at every exposure, and all of the paper's models
+are trained on half of the features and judged by the other half.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight import __version__
+from exposight.cell import (
+    ActiveSensor,
+    CampaignFolder,
+    CampaignWriter,
+    Capture,
+    Cloud,
+    Part,
+    write_features,
+)
+from exposight.demo.recording import (
+    NOMINAL_EXPOSURE_MS,
+    SkullRecording,
+    decode_to_cloud,
+    find_skull,
+    read_skull,
+    skull_sensor,
+)
+from exposight.demo.surface_features import place_features
+from exposight.errors import FileError, InputError
+from exposight.evaluation import split_by_group
+from exposight.geometry import RigidTransform
+from exposight.imaging import (
+    CloudAgreement,
+    DecodingCounts,
+    compare_along_rays,
+    re_expose,
+    sequence_preset,
+)
+from exposight.models import (
+    MODEL_SUFFIX,
+    MODELS,
+    Evaluation,
+    ModelSpecification,
+    Provenance,
+    TrainedModel,
+    evaluate,
+    save_model,
+    train,
+)
+from exposight.observing import (
+    FeatureView,
+    ObservationTable,
+    Visibility,
+    observe_campaign,
+    view_features,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage's name, what of it is done, and how much there is."""
+
+_VIEW = "skull"
+_STRIPE_FRAME = 0  # the first of the sixteen-period fringes: the finest stripes of the recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoSettings:
+    """What the demonstration does.
+
+    Parameters
+    ----------
+    features : int
+        Ring features to place, half of which train.
+    steps_per_decade : int
+        Of the emulated exposure sweep, a geometric progression through the nominal exposure.
+    steps_each_way : int
+        Steps below and above the nominal exposure.
+    seed : int
+        Of places, radii, the split and the restarts.
+    restarts : int
+        Starts of each model's optimiser; the paper took three.
+    models : tuple of ModelSpecification
+        Which ones are trained.
+    workers : int
+        Processes that train at the same time.
+    """
+
+    features: int = 220
+    steps_per_decade: int = 8
+    steps_each_way: int = 6
+    seed: int = 1
+    restarts: int = 3
+    models: tuple[ModelSpecification, ...] = MODELS
+    workers: int = max(1, os.cpu_count() or 1)
+
+    def exposures_ms(self) -> tuple[float, ...]:
+        """Return the sweep's exposure times in ms, the nominal one among them."""
+        steps = range(-self.steps_each_way, self.steps_each_way + 1)
+        factors = (10.0 ** (step / self.steps_per_decade) for step in steps)
+        return tuple(round(NOMINAL_EXPOSURE_MS * factor, 3) for factor in factors)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SequenceCheck:
+    """How one decoded sequence compares with the authors' cloud."""
+
+    title: str
+    counts: DecodingCounts
+    agreement: CloudAgreement
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelResult:
+    """A trained model, judged by the features it knows and by those it has never seen."""
+
+    model: TrainedModel
+    known: Evaluation
+    unseen: Evaluation
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DemoResult:
+    """Everything the demonstration found.
+
+    Parameters
+    ----------
+    settings : DemoSettings
+        What was asked for.
+    output : Path
+        Folder in which campaign, table and models are.
+    sensor : ActiveSensor
+        The recording's rig.
+    checks : tuple of SequenceCheck
+        Gray code and phase shift against the authors' cloud.
+    sweep : tuple of Capture
+        Three captures of the sweep: dark, nominal, bright.
+    cloud : Cloud
+        At the nominal exposure.
+    views : tuple of FeatureView
+        The features, their masks and poses.
+    table : ObservationTable
+        All observations.
+    train_features : frozenset of str
+        Names of the features that trained.
+    overlap : float
+        Share of the unseen features' ring pixels that lie in a training feature's ring too.
+    results : tuple of ModelResult
+        One for each model.
+    """
+
+    settings: DemoSettings
+    output: Path
+    sensor: ActiveSensor
+    checks: tuple[SequenceCheck, ...]
+    sweep: tuple[Capture, ...]
+    cloud: Cloud
+    views: tuple[FeatureView, ...]
+    table: ObservationTable
+    train_features: frozenset[str]
+    overlap: float
+    results: tuple[ModelResult, ...]
+
+
+def run_demo(
+    output: str | Path,
+    data: str | Path | None = None,
+    settings: DemoSettings | None = None,
+    progress: Progress | None = None,
+) -> DemoResult:
+    """Run the whole method on the recorded skull.
+
+    Whatever was captured stays in ``output/campaign``; run again, only what is missing is made.
+
+    Parameters
+    ----------
+    output : path
+        Folder for campaign, observations and models; made if it is not there.
+    data : path, optional
+        Where the recording is; see `find_skull`.
+    settings : DemoSettings, optional
+        What to do.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    MissingFileError
+        If the recording cannot be found; the message says what is needed.
+    InputError
+        If the settings make no sense, or the folder holds a demonstration of other settings.
+    """
+    settings = settings or DemoSettings()
+    tell = progress or _silent
+    _check_settings(settings)
+    folder = _make_folder(Path(output))
+    tell("reading frames", 0, 1)
+    recording = read_skull(find_skull(data))
+    tell("reading frames", 1, 1)
+    checks, cloud = _check_decoding(recording, tell)
+    sensor = skull_sensor(recording.rig, cloud)
+    tell("placing features", 0, 1)
+    features = place_features(
+        cloud, sensor, count=settings.features, rng=np.random.default_rng(settings.seed)
+    )
+    part = Part(name="skull", features=features)
+    write_features(folder / "features.csv", features)
+    tell("placing features", 1, 1)
+    campaign = _sweep(folder / "campaign", recording, sensor, part, settings, tell)
+    table = observe_campaign(campaign, progress=lambda done, n: tell("observing", done, n))
+    table.write(folder / "observations.csv")
+    split = split_by_group(table.names("feature"), 0.5, np.random.default_rng(settings.seed))
+    trains = np.isin(np.arange(len(table)), split.train)
+    results = _train_all(table.where(trains), table.where(~trains), sensor, settings, tell)
+    models = folder / "models"
+    models.mkdir(exist_ok=True)
+    for result in results:
+        save_model(models / f"{result.model.specification.name}{MODEL_SUFFIX}", result.model)
+    views = view_features(part, sensor, RigidTransform())
+    train_features = frozenset(table.names("feature")[trains].tolist())
+    return DemoResult(
+        settings=settings,
+        output=folder,
+        sensor=sensor,
+        checks=checks,
+        sweep=_three_captures(campaign, settings),
+        cloud=cloud,
+        views=views,
+        table=table,
+        train_features=train_features,
+        overlap=_ring_overlap(views, train_features, recording.phase.image_shape),
+        results=results,
+    )
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+def _check_settings(settings: DemoSettings) -> None:
+    numbers = (settings.features, settings.restarts, settings.workers, settings.steps_per_decade)
+    if min(numbers) < 1 or settings.features < 4 or settings.steps_each_way < 1:
+        msg = (
+            "the demonstration needs at least 4 features and 1 of steps, restarts and workers, "
+            f"got {settings.features} features, {settings.steps_each_way} steps each way, "
+            f"{settings.restarts} restarts, {settings.workers} workers"
+        )
+        raise InputError(msg)
+
+
+def _make_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder} cannot be used for output: {error.strerror or error}"
+        raise FileError(msg) from error
+    return folder
+
+
+def _check_decoding(
+    recording: SkullRecording, tell: Progress
+) -> tuple[tuple[SequenceCheck, ...], Cloud]:
+    """Decode both sequences, compare them, and return the phase shift's cloud too."""
+    checks = []
+    sequences = (
+        ("Gray code, 12 frames", "skull_gray", recording.gray),
+        ("phase shift, 6 frames", "skull_2x3", recording.phase),
+    )
+    for done, (title, name, stack) in enumerate(sequences):
+        tell("decoding", done, len(sequences))
+        start = time.perf_counter()
+        decoded, cloud = decode_to_cloud(stack, sequence_preset(name), recording.rig)
+        seconds = time.perf_counter() - start
+        checks.append(
+            SequenceCheck(
+                title=title,
+                counts=decoded.counts(),
+                agreement=compare_along_rays(cloud, recording.authors_points, recording.rig.camera),
+                seconds=seconds,
+            )
+        )
+    tell("decoding", len(sequences), len(sequences))
+    return tuple(checks), cloud
+
+
+def _sweep(
+    folder: Path,
+    recording: SkullRecording,
+    sensor: ActiveSensor,
+    part: Part,
+    settings: DemoSettings,
+    tell: Progress,
+) -> CampaignFolder:
+    """Emulate the exposure sweep into a campaign's folder; captures that are there stay."""
+    exposures = settings.exposures_ms()
+    sequence = sequence_preset("skull_2x3")
+    with CampaignWriter.open_or_create(
+        folder, name="skull, emulated exposure sweep", sensor=sensor, part=part
+    ) as writer:
+        for done, exposure_ms in enumerate(exposures):
+            tell("emulating exposures", done, len(exposures))
+            if writer.has(_VIEW, exposure_ms):
+                continue
+            recorded = exposure_ms == NOMINAL_EXPOSURE_MS
+            factor = exposure_ms / NOMINAL_EXPOSURE_MS
+            stack = recording.phase if recorded else re_expose(recording.phase, factor)
+            _, cloud = decode_to_cloud(stack, sequence, recording.rig)
+            writer.add(
+                Capture(
+                    view=_VIEW,
+                    exposure_ms=exposure_ms,
+                    image=stack.frames[_STRIPE_FRAME],
+                    cloud=cloud,
+                    camera_from_part=RigidTransform(),
+                    emulated=stack.emulated,
+                    notes="recorded, nominal exposure"
+                    if recorded
+                    else f"recorded grey values times {factor:.4g}, rounded, clipped at 255",
+                )
+            )
+    tell("emulating exposures", len(exposures), len(exposures))
+    return CampaignFolder(folder)
+
+
+def _train_all(
+    known: ObservationTable,
+    unseen: ObservationTable,
+    sensor: ActiveSensor,
+    settings: DemoSettings,
+    tell: Progress,
+) -> tuple[ModelResult, ...]:
+    """Train every model, several at a time, and return them in the settings' order."""
+    jobs = [(specification, known, unseen, sensor, settings) for specification in settings.models]
+    tell("training models", 0, len(jobs))
+    if settings.workers == 1:
+        results = []
+        for job in jobs:
+            results.append(_train_one(*job))
+            tell("training models", len(results), len(jobs))
+        return tuple(results)
+    # Fresh processes: forking one that has run compiled threads can hang.
+    context = multiprocessing.get_context("spawn")
+    workers = min(settings.workers, len(jobs))
+    with ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
+        futures = [pool.submit(_train_one, *job) for job in jobs]
+        for done, _ in enumerate(as_completed(futures), start=1):
+            tell("training models", done, len(jobs))
+        return tuple(future.result() for future in futures)
+
+
+def _train_one(
+    specification: ModelSpecification,
+    known: ObservationTable,
+    unseen: ObservationTable,
+    sensor: ActiveSensor,
+    settings: DemoSettings,
+) -> ModelResult:
+    start = time.perf_counter()
+    provenance = Provenance(
+        observations="half of the features of the skull's emulated exposure sweep",
+        observations_sha256=None,
+        emulated=True,
+        seed=settings.seed,
+        exposight_version=__version__,
+    )
+    model = train(
+        specification,
+        known,
+        seed=settings.seed,
+        provenance=provenance,
+        sensor=sensor,
+        restarts=settings.restarts,
+    )
+    seconds = time.perf_counter() - start
+    return ModelResult(
+        model=model,
+        known=evaluate(model, known),
+        unseen=evaluate(model, unseen),
+        seconds=seconds,
+    )
+
+
+def _three_captures(campaign: CampaignFolder, settings: DemoSettings) -> tuple[Capture, ...]:
+    exposures = settings.exposures_ms()
+    wanted = {exposures[1], NOMINAL_EXPOSURE_MS, exposures[-2]}
+    found = (capture for capture in campaign.captures() if capture.exposure_ms in wanted)
+    return tuple(sorted(found, key=lambda capture: capture.exposure_ms))
+
+
+def _ring_overlap(
+    views: tuple[FeatureView, ...], train_features: frozenset[str], shape: tuple[int, int]
+) -> float:
+    """Tell which share of the unseen features' rings was seen in training all the same."""
+    seen: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
+    unseen = []
+    for view in views:
+        if view.visibility is not Visibility.VISIBLE:
+            continue
+        if view.feature.name in train_features:
+            seen[view.rows, view.columns] = True
+        else:
+            unseen.append(view)
+    pixels = sum(view.n_pixels for view in unseen)
+    shared = sum(int(seen[view.rows, view.columns].sum()) for view in unseen)
+    return shared / pixels if pixels else 0.0

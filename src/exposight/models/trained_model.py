@@ -1,0 +1,277 @@
+"""A trained model: predictions with their uncertainty, and whether to believe them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import ObservationError
+from exposight.evaluation import RegressionScore, inside_box, score
+from exposight.gp import fit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from exposight.cell import ActiveSensor
+    from exposight.gp import GaussianProcess
+    from exposight.models.specification import ModelSpecification
+    from exposight.observing import ObservationTable
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelPrediction:
+    """What a model predicts for n inputs.
+
+    Parameters
+    ----------
+    mean : (n,) ndarray
+        In the target's unit.
+    std : (n,) ndarray
+        Standard deviation of a new observation, measurement noise included.
+    inside : (n,) ndarray of bool
+        Whether the input lies in the box that the training inputs span. Outside, the model
+        extrapolates, and the paper's test features show how far off it then may be (Table 3).
+    """
+
+    mean: NDArray[np.float64]
+    std: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a trained model comes from.
+
+    Parameters
+    ----------
+    observations : str
+        What it was trained on, for instance the table's file name.
+    observations_sha256 : str or None
+        Checksum of that file, where it was one.
+    emulated : bool
+        True where any training observation was emulated rather than recorded.
+    seed : int
+        Seed of the restarts.
+    exposight_version : str
+        The program that trained it.
+    """
+
+    observations: str
+    observations_sha256: str | None
+    emulated: bool
+    seed: int
+    exposight_version: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSummary:
+    """How the hyperparameters were found.
+
+    Parameters
+    ----------
+    log_marginal_likelihood : float
+        Of the training data.
+    converged : bool
+        Whether the best start converged.
+    evaluations : int
+        Of likelihood and gradient, over all starts.
+    starts : int
+        How many starts there were.
+    parameters_at_bound : tuple of str
+        Hyperparameters that ended at a limit.
+    """
+
+    log_marginal_likelihood: float
+    converged: bool
+    evaluations: int
+    starts: int
+    parameters_at_bound: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedModel:
+    """A model and everything needed to use, check and repeat it.
+
+    Parameters
+    ----------
+    specification : ModelSpecification
+        Name, target, inputs and the form of the kernel.
+    process : GaussianProcess
+        Kernel with its hyperparameters, noise variance and training data.
+    summary : FitSummary
+        How it was fitted.
+    provenance : Provenance
+        From what.
+    sensor : ActiveSensor or None
+        The sensor that the observations are of; a model holds for this one alone.
+    """
+
+    specification: ModelSpecification
+    process: GaussianProcess
+    summary: FitSummary
+    provenance: Provenance
+    sensor: ActiveSensor | None
+
+    def predict(self, inputs: ArrayLike) -> ModelPrediction:
+        """Predict for (n, d) inputs in the specification's order and units.
+
+        Raises
+        ------
+        ObservationError
+            If the shape is wrong or a value is not finite.
+        """
+        x = np.asarray(inputs, dtype=np.float64)
+        prediction = self.process.predict(x, include_noise=True)
+        return ModelPrediction(
+            mean=prediction.mean, std=prediction.std, inside=inside_box(self.process.x, x)
+        )
+
+    def predict_table(self, table: ObservationTable) -> ModelPrediction:
+        """Predict for every row of an observation table, which must have all inputs."""
+        return self.predict(table.array(self.specification.inputs))
+
+    def training_range(self) -> dict[str, tuple[float, float]]:
+        """Return the smallest and largest training value of each input, in its unit."""
+        low, high = self.process.x.min(axis=0).tolist(), self.process.x.max(axis=0).tolist()
+        return dict(zip(self.specification.inputs, zip(low, high, strict=True), strict=True))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """A model held against observations.
+
+    Parameters
+    ----------
+    specification : ModelSpecification
+        Which model.
+    table : ObservationTable
+        The rows it was judged by.
+    observed : (n,) ndarray
+        Targets, in their unit.
+    prediction : ModelPrediction
+        What was predicted for them.
+    score : RegressionScore
+        R², MSE, RMSE, MAE and the bands' coverage.
+    score_inside : RegressionScore or None
+        The same for the rows inside the training data's range (the paper's X_test,i); None where
+        there are none.
+    """
+
+    specification: ModelSpecification
+    table: ObservationTable
+    observed: NDArray[np.float64]
+    prediction: ModelPrediction
+    score: RegressionScore
+    score_inside: RegressionScore | None
+
+
+def train(
+    specification: ModelSpecification,
+    table: ObservationTable,
+    *,
+    seed: int,
+    provenance: Provenance,
+    sensor: ActiveSensor | None = None,
+    restarts: int = 3,
+    progress: Callable[[int, int], None] | None = None,
+) -> TrainedModel:
+    """Train one of the paper's models.
+
+    Parameters
+    ----------
+    specification : ModelSpecification
+        Which one.
+    table : ObservationTable
+        Observations; rows that were not measured, or not well enough for this model, are left
+        out (`ModelSpecification.rows`).
+    seed : int
+        Of the restarts.
+    provenance : Provenance
+        Kept in the model.
+    sensor : ActiveSensor, optional
+        Kept in the model.
+    restarts : int
+        Starts of the optimiser; the paper took three (Sect. 3.3.4).
+    progress : callable, optional
+        Called with (starts done, starts in all).
+
+    Returns
+    -------
+    TrainedModel
+
+    Raises
+    ------
+    ObservationError
+        If no row is left, or too few, or they are all alike.
+    NumericalError
+        If no start of the optimiser gave a valid model.
+    """
+    x, y = specification.data(_usable_rows(specification, table, "train"))
+    result = fit(
+        specification.kernel,
+        x,
+        y,
+        rng=np.random.default_rng(seed),
+        restarts=restarts,
+        progress=progress,
+    )
+    return TrainedModel(
+        specification=specification,
+        process=result.process,
+        summary=FitSummary(
+            log_marginal_likelihood=result.log_marginal_likelihood,
+            converged=result.converged,
+            evaluations=result.evaluations,
+            starts=len(result.starts),
+            parameters_at_bound=result.parameters_at_bound,
+        ),
+        provenance=provenance,
+        sensor=sensor,
+    )
+
+
+def evaluate(model: TrainedModel, table: ObservationTable) -> Evaluation:
+    """Hold a model against observations, those of its own kind of rows.
+
+    Raises
+    ------
+    ObservationError
+        If no row is left.
+    """
+    rows = _usable_rows(model.specification, table, "evaluate")
+    x, observed = model.specification.data(rows)
+    prediction = model.predict(x)
+    inside = prediction.inside
+    return Evaluation(
+        specification=model.specification,
+        table=rows,
+        observed=observed,
+        prediction=prediction,
+        score=score(observed, prediction.mean, prediction.std),
+        score_inside=score(observed[inside], prediction.mean[inside], prediction.std[inside])
+        if inside.any()
+        else None,
+    )
+
+
+def _usable_rows(
+    specification: ModelSpecification, table: ObservationTable, purpose: str
+) -> ObservationTable:
+    rows = specification.rows(table)
+    if len(rows) == 0:
+        wanted = (
+            "measured observations"
+            if specification.p_norm_min is None
+            else f"measured observations with p_norm ≥ {specification.p_norm_min:g}"
+        )
+        counts = ", ".join(f"{count} {reason}" for reason, count in table.counts().items())
+        msg = (
+            f"cannot {purpose} {specification.name}: it needs {wanted}, and none of the table's "
+            f"{len(table)} rows is one ({counts or 'no rows'})"
+        )
+        raise ObservationError(msg)
+    return rows

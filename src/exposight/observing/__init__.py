@@ -1,0 +1,35 @@
+"""Captures to rows: p_norm, i_avg and pose of every feature (Sect. 3.1 of the paper)."""
+
+from exposight.observing.masks import (
+    FeatureView,
+    Visibility,
+    incidence_deg,
+    orientation_deg,
+    view_feature,
+    view_features,
+)
+from exposight.observing.observe import observe_campaign, observe_capture
+from exposight.observing.point_search import PointSearch, point_search
+from exposight.observing.table import (
+    SCHEMA,
+    Observation,
+    ObservationTable,
+    read_observations,
+)
+
+__all__ = [
+    "SCHEMA",
+    "FeatureView",
+    "Observation",
+    "ObservationTable",
+    "PointSearch",
+    "Visibility",
+    "incidence_deg",
+    "observe_campaign",
+    "observe_capture",
+    "orientation_deg",
+    "point_search",
+    "read_observations",
+    "view_feature",
+    "view_features",
+]

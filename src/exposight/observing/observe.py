@@ -1,0 +1,129 @@
+"""From captures to observations: Sect. 3.1 of the paper to the letter.
+
+n_points counts the cloud's points inside the hollow cylinder (Eq. 4), n_pixels the pixels of its
+ring (Eqs. 6, 7), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in one
+stripe image, and the pose is that of the feature in the sensor's TCP frame.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from exposight.cell import PAPER_TOLERANCE
+from exposight.errors import CloudError
+from exposight.observing.brightness import ring_brightness
+from exposight.observing.masks import FeatureView, Visibility, view_features
+from exposight.observing.point_search import PointSearch, point_search
+from exposight.observing.table import Observation, ObservationTable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from exposight.cell import Campaign, Capture, RingTolerance
+
+logger = logging.getLogger(__name__)
+
+
+def observe_capture(
+    capture: Capture, views: tuple[FeatureView, ...], search: PointSearch
+) -> list[Observation]:
+    """Observe features in one capture.
+
+    Parameters
+    ----------
+    capture : Capture
+        Stripe image, cloud and exposure time.
+    views : tuple of FeatureView
+        The features as this capture's view sees them (`view_features`).
+    search : PointSearch
+        The capture's cloud, made ready for counting (`point_search`).
+
+    Returns
+    -------
+    list of Observation
+        One for each feature, also for those that cannot be measured, in the order given.
+    """
+    return [_observe(capture, view, search) for view in views]
+
+
+def observe_campaign(
+    campaign: Campaign,
+    tolerance: RingTolerance = PAPER_TOLERANCE,
+    progress: Callable[[int, int], None] | None = None,
+) -> ObservationTable:
+    """Observe every feature in every capture of a campaign, one capture in memory at a time.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Recorded or simulated.
+    tolerance : RingTolerance
+        Height and radii of the hollow cylinder; the paper's by default.
+    progress : callable, optional
+        Called with (captures done, captures in all).
+
+    Returns
+    -------
+    ObservationTable
+        A row for each feature and capture.
+
+    Raises
+    ------
+    CloudError
+        If no capture of the campaign has a single valid point. (One dark or clipped capture
+        without any is an observation like others: its p_norm is 0.)
+    """
+    rows: list[Observation] = []
+    views: tuple[FeatureView, ...] = ()
+    seen_from = None
+    total_points = 0
+    for done, capture in enumerate(campaign.captures(), start=1):
+        if capture.camera_from_part != seen_from:  # exposures of one view share its masks
+            seen_from = capture.camera_from_part
+            views = view_features(campaign.part, campaign.sensor, seen_from, tolerance)
+        total_points += capture.cloud.n_valid
+        search = point_search(capture.cloud, campaign.sensor.camera)
+        rows.extend(observe_capture(capture, views, search))
+        if progress is not None:
+            progress(done, len(campaign))
+    if rows and total_points == 0:
+        msg = (
+            f"campaign '{campaign.name}': none of its {len(campaign)} clouds has a valid point "
+            "(NaN and all-zero points are missing ones); expected clouds in mm in the camera's "
+            "frame, check how they were exported"
+        )
+        raise CloudError(msg)
+    logger.info("observed %d captures, %d rows", len(campaign), len(rows))
+    return ObservationTable.from_observations(rows)
+
+
+def _observe(capture: Capture, view: FeatureView, search: PointSearch) -> Observation:
+    measured = view.visibility is Visibility.VISIBLE
+    n_points = search.count(view) if measured else None
+    brightness = ring_brightness(capture, view.rows, view.columns) if measured else None
+    x_mm, y_mm, z_mm = view.tcp_from_feature.translation_mm.tolist()
+    return Observation(
+        feature=view.feature.name,
+        view=capture.view,
+        exposure_ms=capture.exposure_ms,
+        p_norm=n_points / view.n_pixels if n_points is not None else None,
+        i_avg=brightness.i_avg if brightness else None,
+        x_mm=x_mm,
+        y_mm=y_mm,
+        z_mm=z_mm,
+        w_deg=view.w_deg,
+        p_deg=view.p_deg,
+        r_deg=view.r_deg,
+        radius_mm=view.feature.radius_mm,
+        n_points=n_points,
+        n_pixels=view.n_pixels if measured else None,
+        i_std=brightness.i_std if brightness else None,
+        i_median=brightness.i_median if brightness else None,
+        i_p05=brightness.i_p05 if brightness else None,
+        i_p95=brightness.i_p95 if brightness else None,
+        clipped_share=brightness.clipped_share if brightness else None,
+        incidence_deg=view.incidence_deg,
+        visibility=view.visibility.value,
+        emulated=capture.emulated,
+    )

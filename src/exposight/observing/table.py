@@ -1,0 +1,303 @@
+"""The observation table: one row for each feature and capture, checked when read.
+
+Columns, their units and order are in ``docs/formats.md``; units stand in the names. A row whose
+feature could not be measured says why in ``visibility`` and has no p_norm.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+
+from exposight.durable import write_durably
+from exposight.errors import FormatError, MissingFileError, ObservationError
+from exposight.observing.masks import Visibility
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Observation:
+    """One feature in one capture: a row of the table.
+
+    Parameters
+    ----------
+    feature, view : str
+        Names.
+    exposure_ms : float, ms
+        Exposure time (the paper's t_exp).
+    p_norm : float or None
+        Share of the ring's pixels that gave a 3D point (Eq. 5); None where not measured.
+    i_avg : float or None
+        Mean grey value of the ring, 0–255.
+    x_mm, y_mm, z_mm : float, mm
+        Position in the TCP frame.
+    w_deg, p_deg, r_deg : float, degrees
+        Orientation in the TCP frame.
+    radius_mm : float, mm
+        The feature's radius.
+    n_points, n_pixels : int or None
+        Points in the hollow cylinder (Eq. 4) and pixels of its ring (Eq. 6).
+    i_std, i_median, i_p05, i_p95 : float or None
+        Spread of the ring's grey values, 0–255.
+    clipped_share : float or None
+        Share of the ring's pixels at full scale, 0–1.
+    incidence_deg : float, degrees
+        Angle between the camera's ray and the feature's normal.
+    visibility : str
+        "visible", or the reason why the feature was not measured (`Visibility`).
+    emulated : bool
+        True where the exposure was emulated from another one.
+    """
+
+    feature: str
+    view: str
+    exposure_ms: float
+    p_norm: float | None
+    i_avg: float | None
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    w_deg: float
+    p_deg: float
+    r_deg: float
+    radius_mm: float
+    n_points: int | None
+    n_pixels: int | None
+    i_std: float | None
+    i_median: float | None
+    i_p05: float | None
+    i_p95: float | None
+    clipped_share: float | None
+    incidence_deg: float
+    visibility: str
+    emulated: bool
+
+
+_TYPES: dict[str, type[pl.DataType]] = {
+    "str": pl.String,
+    "float": pl.Float64,
+    "float | None": pl.Float64,
+    "int | None": pl.Int64,
+    "bool": pl.Boolean,
+}
+SCHEMA = pl.Schema({field.name: _TYPES[str(field.type)] for field in fields(Observation)})
+"""Column names and types of an observation table."""
+
+_REQUIRED = tuple(SCHEMA)[: tuple(SCHEMA).index("radius_mm") + 1]
+_UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObservationTable:
+    """Observations as a polars frame with the columns of `Observation`.
+
+    Parameters
+    ----------
+    frame : polars.DataFrame
+        Has `SCHEMA`.
+    """
+
+    frame: pl.DataFrame
+
+    def __post_init__(self) -> None:
+        if self.frame.schema != SCHEMA:
+            msg = (
+                f"an observation table must have the columns {', '.join(SCHEMA)}, "
+                f"got {', '.join(self.frame.columns)}"
+            )
+            raise ObservationError(msg)
+
+    @classmethod
+    def from_observations(cls, observations: Sequence[Observation]) -> ObservationTable:
+        """Build a table from single observations."""
+        columns = {name: [getattr(row, name) for row in observations] for name in SCHEMA}
+        return cls(frame=pl.DataFrame(columns, schema=SCHEMA))
+
+    def __len__(self) -> int:
+        return self.frame.height
+
+    def measured(self) -> ObservationTable:
+        """Return the rows whose feature was visible and measured."""
+        visible = pl.col("visibility") == Visibility.VISIBLE.value
+        return ObservationTable(frame=self.frame.filter(visible & pl.col("p_norm").is_not_null()))
+
+    def with_quality(self, p_norm_min: float) -> ObservationTable:
+        """Return the rows with p_norm ≥ `p_norm_min` (Sect. 3.4.1 keeps those ≥ 0.75)."""
+        return ObservationTable(frame=self.frame.filter(pl.col("p_norm") >= p_norm_min))
+
+    def where(self, mask: NDArray[np.bool_]) -> ObservationTable:
+        """Return the rows where `mask`, (n,) bool, is true."""
+        return ObservationTable(frame=self.frame.filter(pl.Series(mask)))
+
+    def array(self, columns: Sequence[str]) -> NDArray[np.float64]:
+        """Return numeric columns as an array.
+
+        Parameters
+        ----------
+        columns : sequence of str
+            Names, for instance ``("i_avg", "x_mm")``.
+
+        Returns
+        -------
+        (n, len(columns)) ndarray
+            In the columns' units; NaN where a row has no value.
+
+        Raises
+        ------
+        ObservationError
+            If a column is unknown or not a number.
+        """
+        numeric = [name for name, dtype in SCHEMA.items() if dtype.is_numeric()]
+        for name in columns:
+            if name not in numeric:
+                msg = f"no numeric column '{name}' in an observation table; it has {numeric}"
+                raise ObservationError(msg)
+        selected = self.frame.select(pl.col(list(columns)).cast(pl.Float64).fill_null(np.nan))
+        return np.asarray(selected.to_numpy(), dtype=np.float64).reshape(-1, len(columns))
+
+    def names(self, column: str) -> NDArray[np.object_]:
+        """Return a text column, ``feature`` or ``view``, as an (n,) array."""
+        return np.asarray(self.frame[column].to_numpy(), dtype=object)
+
+    def counts(self) -> dict[str, int]:
+        """Return how many rows there are of each visibility, the commonest first."""
+        counted = self.frame["visibility"].value_counts(sort=True)
+        return dict(counted.iter_rows())
+
+    def write(self, path: str | Path) -> None:
+        """Write the table durably as CSV or, by the suffix ``.parquet``, as Parquet.
+
+        Raises
+        ------
+        FormatError
+            If the suffix is another one.
+        """
+        path = Path(path)
+        buffer = io.BytesIO()
+        match path.suffix.lower():
+            case ".csv":
+                self.frame.write_csv(buffer)
+            case ".parquet":
+                self.frame.write_parquet(buffer)
+            case suffix:
+                raise FormatError(_wrong_suffix(path, suffix))
+        write_durably(path, buffer.getvalue())
+
+
+def read_observations(path: str | Path) -> ObservationTable:
+    """Read and check an observation table.
+
+    Columns up to ``radius_mm`` must be there; missing later ones are filled with nothing, so that
+    a table made elsewhere, like the paper's supplementary one, can be brought.
+
+    Parameters
+    ----------
+    path : path
+        CSV or Parquet.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it cannot be parsed, has another header or unit, or a column has the wrong type.
+    ObservationError
+        If a value is out of its range.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"{path}: no such observation table"
+        raise MissingFileError(msg)
+    frame = _read_frame(path)
+    _check_header(path, frame.columns)
+    frame = frame.with_columns(
+        _missing_column(name) for name in SCHEMA if name not in frame.columns
+    )
+    try:
+        frame = frame.select(pl.col(name).cast(dtype) for name, dtype in SCHEMA.items())
+    except pl.exceptions.PolarsError as error:
+        reason = str(error).splitlines()[0]
+        msg = f"{path}: a column has values of the wrong type: {reason}"
+        raise FormatError(msg) from error
+    _check_values(path, frame)
+    return ObservationTable(frame=frame)
+
+
+def _read_frame(path: Path) -> pl.DataFrame:
+    try:
+        match path.suffix.lower():
+            case ".csv":
+                return pl.read_csv(path, infer_schema_length=None)
+            case ".parquet":
+                return pl.read_parquet(path)
+            case suffix:
+                raise FormatError(_wrong_suffix(path, suffix))
+    except (pl.exceptions.PolarsError, OSError) as error:
+        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
+        raise FormatError(msg) from error
+
+
+def _wrong_suffix(path: Path, suffix: str) -> str:
+    return f"{path}: an observation table ends in .csv or .parquet, got '{suffix}'"
+
+
+def _check_header(path: Path, columns: Sequence[str]) -> None:
+    missing = [name for name in _REQUIRED if name not in columns]
+    unknown = [name for name in columns if name not in SCHEMA]
+    for name in missing:
+        stem = next((name.removesuffix(s) for s in _UNIT_SUFFIXES if name.endswith(s)), None)
+        other = [u for u in unknown if stem and (u == stem or u.startswith(f"{stem}_"))]
+        if other:
+            msg = (
+                f"{path}: column '{other[0]}' has another unit or none: expected '{name}'; "
+                "convert the values and rename the column"
+            )
+            raise FormatError(msg)
+    if missing or unknown:
+        msg = (
+            f"{path}: wrong header: missing {missing or 'none'}, unknown {unknown or 'none'}; "
+            f"expected {', '.join(SCHEMA)}, of which those after radius_mm may be left out"
+        )
+        raise FormatError(msg)
+
+
+def _missing_column(name: str) -> pl.Expr:
+    if name == "visibility":
+        return pl.lit(Visibility.VISIBLE.value).alias(name)
+    if name == "emulated":
+        return pl.lit(False).alias(name)
+    if name == "incidence_deg":
+        return pl.lit(np.nan).alias(name)
+    return pl.lit(None, dtype=SCHEMA[name]).alias(name)
+
+
+def _check_values(path: Path, frame: pl.DataFrame) -> None:
+    for name in ("feature", "view", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg"):
+        column = frame[name]
+        bad = column.is_null() | (column.is_nan() if column.dtype.is_float() else False)
+        if bad.any():
+            _refuse(path, name, bad, "a value in every row")
+    ranges = {"exposure_ms": (0.0, np.inf), "i_avg": (0.0, 255.0), "p_norm": (0.0, np.inf)}
+    for name, (low, high) in ranges.items():
+        bad = ~frame[name].is_between(low, high).fill_null(value=True)
+        bad |= frame[name].is_nan().fill_null(value=False)
+        if bad.any():
+            _refuse(path, name, bad, f"values in {low:g}…{high:g}")
+
+
+def _refuse(path: Path, name: str, bad: pl.Series, expected: str) -> None:
+    row = int(np.flatnonzero(bad.to_numpy())[0])
+    msg = (
+        f"{path}: column '{name}' needs {expected}; row {row + 1} after the header has none "
+        f"({int(bad.sum())} such rows)"
+    )
+    raise ObservationError(msg)
