@@ -17,7 +17,7 @@ from exposight.geometry import (
     PixelBox,
     RigidTransform,
     count_points_inside,
-    pixel_box,
+    pixel_boxes,
     ring_pixels,
 )
 
@@ -43,6 +43,16 @@ LENSES = {
     "tilted": (-0.2, 0.05, 0.001, 0.001, 0, 0, 0, 0, 0.004, 0, -0.003, 0, 0.05, -0.08),
 }
 every_lens = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+
+
+def ring_of(cylinder, camera, camera_from_feature):
+    """The pixels of one ring."""
+    return ring_pixels([cylinder], camera, [camera_from_feature])[0]
+
+
+def points_inside(cylinder, points, camera_from_feature):
+    """The number of points in one cylinder."""
+    return int(count_points_inside([cylinder], points, [camera_from_feature])[0])
 
 
 def camera_with(lens, **changes):
@@ -199,7 +209,7 @@ def test_counting_agrees_with_contains(cylinder, near_feature, camera_from_featu
         clear = margin_mm(cylinder, local) > BORDER_MM
         points, local = points[clear], local[clear]
     expected = int(cylinder.contains(local).sum())
-    assert count_points_inside(cylinder, points, camera_from_feature) == expected
+    assert points_inside(cylinder, points, camera_from_feature) == expected
 
 
 @LAW
@@ -207,25 +217,25 @@ def test_counting_agrees_with_contains(cylinder, near_feature, camera_from_featu
 def test_points_with_a_missing_coordinate_never_count(cylinder, cloud, axis, camera_from_feature):
     points = camera_from_feature.apply(cloud).astype(np.float32)
     points[:, axis] = np.nan
-    assert count_points_inside(cylinder, points, camera_from_feature) == 0
+    assert points_inside(cylinder, points, camera_from_feature) == 0
 
 
 def test_an_organised_cloud_counts_as_its_points_do():
     points = np.random.default_rng(6).uniform(-20, 20, (24, 3)).astype(np.float32)
-    listed = count_points_inside(FULL, points, RigidTransform())
+    listed = points_inside(FULL, points, RigidTransform())
     assert listed > 0
-    assert count_points_inside(FULL, points.reshape(4, 6, 3), RigidTransform()) == listed
+    assert points_inside(FULL, points.reshape(4, 6, 3), RigidTransform()) == listed
 
 
 def test_a_window_of_a_larger_cloud_can_be_counted():
     cloud = np.zeros((10, 10, 3), dtype=np.float32)
-    assert count_points_inside(FULL, cloud[2:5, 3:9], RigidTransform()) == 18
+    assert points_inside(FULL, cloud[2:5, 3:9], RigidTransform()) == 18
 
 
 @pytest.mark.parametrize("shape", [(5, 2), (3,), (2, 5, 4), (1, 2, 5, 3)])
 def test_a_cloud_of_another_shape_is_refused(shape):
     with pytest.raises(CloudError, match=r"\(rows, columns, 3\) or \(n, 3\), got shape"):
-        count_points_inside(FULL, np.zeros(shape, dtype=np.float32), RigidTransform())
+        points_inside(FULL, np.zeros(shape, dtype=np.float32), RigidTransform())
 
 
 def test_contains_refuses_points_of_another_shape():
@@ -267,13 +277,13 @@ def test_an_outline_may_lie_at_another_height():
 @every_pose
 def test_ring_pixels_agree_with_brute_force(cylinder, lens, camera_from_feature):
     camera = camera_with(lens)
-    covered = mask(camera, *ring_pixels(cylinder, camera, camera_from_feature))
+    covered = mask(camera, *ring_of(cylinder, camera, camera_from_feature))
     expected, doubtful = covered_by_brute_force(cylinder, camera, camera_from_feature)
     np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
 
 
 def test_pixels_come_in_row_major_order_without_doubles():
-    rows, columns = ring_pixels(CIRCLE, camera_with(LENSES["barrel"]), POSES["tilted"])
+    rows, columns = ring_of(CIRCLE, camera_with(LENSES["barrel"]), POSES["tilted"])
     position = rows * 320 + columns
     assert len(position) > 100
     assert (np.diff(position) > 0).all()
@@ -284,7 +294,7 @@ def test_facing_rings_cover_their_projected_area_on_average(hole_radius_mm):
     ring = HollowCylinder(inner_mm=hole_radius_mm + 3, outer_mm=hole_radius_mm + 5, height_mm=20.0)
     camera = camera_with((), fx=800.0, fy=820.0)
     offsets_mm = np.random.default_rng(7).uniform(-10, 10, (400, 2))
-    counts = [ring_pixels(ring, camera, pose(x, y, 600.0))[0].size for x, y in offsets_mm]
+    counts = [ring_of(ring, camera, pose(x, y, 600.0))[0].size for x, y in offsets_mm]
     scale = 800.0 * 820.0 / 600.0**2
     area_px = np.pi * (ring.outer_mm**2 - ring.inner_mm**2) * scale
     # Four standard errors: the lattice alone makes a single count vary.
@@ -295,8 +305,8 @@ def test_facing_rings_cover_their_projected_area_on_average(hole_radius_mm):
 @pytest.mark.parametrize("tilt_deg", [20.0, 45.0, 60.0])
 def test_far_tilted_rings_shrink_by_the_cosine(tilt_deg):
     camera = camera_with((), fx=4e5, fy=4e5)  # from so far away perspective is gone
-    facing = ring_pixels(CIRCLE, camera, pose(0, 0, 60000.0))[0].size
-    tilted = ring_pixels(CIRCLE, camera, pose(0, 0, 60000.0, p_deg=tilt_deg))[0].size
+    facing = ring_of(CIRCLE, camera, pose(0, 0, 60000.0))[0].size
+    tilted = ring_of(CIRCLE, camera, pose(0, 0, 60000.0, p_deg=tilt_deg))[0].size
     assert tilted / facing == pytest.approx(np.cos(np.radians(tilt_deg)), rel=0.01)
 
 
@@ -305,15 +315,15 @@ def test_far_tilted_rings_shrink_by_the_cosine(tilt_deg):
 def test_a_circular_ring_does_not_see_turns_about_its_axis(angle_deg):
     camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
     turned = camera_from_feature @ pose(0, 0, 0, r_deg=angle_deg)
-    before = ring_pixels(CIRCLE, camera, camera_from_feature)
-    np.testing.assert_array_equal(ring_pixels(CIRCLE, camera, turned), before)
+    before = ring_of(CIRCLE, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_of(CIRCLE, camera, turned), before)
 
 
 def test_a_slot_turned_by_half_a_turn_is_the_same_slot():
     camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
     turned = camera_from_feature @ pose(0, 0, 0, r_deg=180.0)
-    before = ring_pixels(SLOT, camera, camera_from_feature)
-    np.testing.assert_array_equal(ring_pixels(SLOT, camera, turned), before)
+    before = ring_of(SLOT, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_of(SLOT, camera, turned), before)
 
 
 def test_a_slot_turned_by_a_quarter_is_a_slot_along_y():
@@ -322,16 +332,16 @@ def test_a_slot_turned_by_a_quarter_is_a_slot_along_y():
     )
     camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
     turned = camera_from_feature @ pose(0, 0, 0, r_deg=90.0)
-    expected = ring_pixels(along_y, camera, camera_from_feature)
-    np.testing.assert_array_equal(ring_pixels(SLOT, camera, turned), expected)
+    expected = ring_of(along_y, camera, camera_from_feature)
+    np.testing.assert_array_equal(ring_of(SLOT, camera, turned), expected)
 
 
 def test_the_ring_lies_in_its_plane():
     raised = HollowCylinder(inner_mm=13.0, outer_mm=15.0, height_mm=20.0, plane_z_mm=7.0)
     camera, camera_from_feature = camera_with(LENSES["barrel"]), POSES["tilted"]
     moved = camera_from_feature @ pose(0, 0, 7.0)
-    expected = ring_pixels(CIRCLE, camera, moved)
-    np.testing.assert_array_equal(ring_pixels(raised, camera, camera_from_feature), expected)
+    expected = ring_of(CIRCLE, camera, moved)
+    np.testing.assert_array_equal(ring_of(raised, camera, camera_from_feature), expected)
 
 
 @every_cylinder
@@ -342,10 +352,10 @@ def test_a_perfect_plate_gives_as_many_points_as_pixels(cylinder, lens):
     rays = np.concatenate([camera.rays(), np.ones((camera.height, camera.width, 1))], axis=-1)
     plane = normal @ camera_from_feature.apply([0, 0, cylinder.plane_z_mm])
     cloud = (rays * (plane / (rays @ normal))[..., None]).astype(np.float32)
-    n_pixels = ring_pixels(cylinder, camera, camera_from_feature)[0].size
+    n_pixels = ring_of(cylinder, camera, camera_from_feature)[0].size
     assert n_pixels > 200
     # float32 may move a point in a thousand across a border.
-    n_points = count_points_inside(cylinder, cloud, camera_from_feature)
+    n_points = points_inside(cylinder, cloud, camera_from_feature)
     assert n_points == pytest.approx(n_pixels, rel=1e-3)
 
 
@@ -357,8 +367,8 @@ def test_a_ring_partly_outside_is_cut_at_the_frame(lens):
     camera_from_feature = POSES["partly outside"]
     small = camera_with(lens)
     wide = camera_with(lens, width=520, height=440, cx=small.cx + 100, cy=small.cy + 100)
-    cut = mask(small, *ring_pixels(CIRCLE, small, camera_from_feature))
-    whole = mask(wide, *ring_pixels(CIRCLE, wide, camera_from_feature))
+    cut = mask(small, *ring_of(CIRCLE, small, camera_from_feature))
+    whole = mask(wide, *ring_of(CIRCLE, wide, camera_from_feature))
     assert 0 < cut.sum() < whole.sum()
     np.testing.assert_array_equal(cut, whole[100:340, 100:420])
 
@@ -370,7 +380,7 @@ def test_a_ring_partly_outside_is_cut_at_the_frame(lens):
     ids=["right of the frame", "above the frame", "behind", "at the camera"],
 )
 def test_a_ring_that_is_not_seen_has_no_pixels(lens, camera_from_feature):
-    rows, columns = ring_pixels(CIRCLE, camera_with(lens), camera_from_feature)
+    rows, columns = ring_of(CIRCLE, camera_with(lens), camera_from_feature)
     assert rows.size == columns.size == 0
     assert rows.dtype == columns.dtype == np.int64
 
@@ -383,7 +393,7 @@ def test_a_region_seen_edge_on_has_no_pixels_on_parallel_rays(cylinder, x_mm):
         translation_mm=[x_mm - cylinder.plane_z_mm, 0, 300],
     )
     camera = camera_with((), cx=158.0, cy=121.0)  # its column 158 runs parallel to the plane
-    _, columns = ring_pixels(cylinder, camera, edge_on)
+    _, columns = ring_of(cylinder, camera, edge_on)
     assert 158 not in columns
 
 
@@ -394,7 +404,7 @@ def test_of_a_ring_partly_behind_the_camera_the_rest_is_seen(lens, p_deg):
     large = HollowCylinder(inner_mm=100.0, outer_mm=300.0, height_mm=20.0)
     camera_from_feature = pose(-30.0, 0.0, 100.0, p_deg=p_deg)
     assert (camera_from_feature.apply(large.outline())[:, 2] < 0).any()
-    covered = mask(camera, *ring_pixels(large, camera, camera_from_feature))
+    covered = mask(camera, *ring_of(large, camera, camera_from_feature))
     expected, doubtful = covered_by_brute_force(large, camera, camera_from_feature)
     assert covered.sum() > 100
     np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
@@ -403,7 +413,7 @@ def test_of_a_ring_partly_behind_the_camera_the_rest_is_seen(lens, p_deg):
 def test_a_region_whose_outline_the_lens_does_not_reach_fills_the_frame():
     plate = HollowCylinder(inner_mm=0.0, outer_mm=5000.0, height_mm=20.0)
     camera = camera_with((-0.3, 0, 0, 0))
-    assert ring_pixels(plate, camera, pose(0, 0, 300.0))[0].size == camera.width * camera.height
+    assert ring_of(plate, camera, pose(0, 0, 300.0))[0].size == camera.width * camera.height
 
 
 def test_the_sides_of_a_large_pocket_bow_out_of_their_corners_box():
@@ -412,7 +422,7 @@ def test_the_sides_of_a_large_pocket_bow_out_of_their_corners_box():
     )
     camera = camera_with((-0.3, 0, 0, 0), width=640, height=480, cx=320.0, cy=240.0)
     camera_from_feature = pose(0, 0, 300.0)
-    covered = mask(camera, *ring_pixels(pocket, camera, camera_from_feature))
+    covered = mask(camera, *ring_of(pocket, camera, camera_from_feature))
     expected, doubtful = covered_by_brute_force(pocket, camera, camera_from_feature)
     np.testing.assert_array_equal(covered | doubtful, expected | doubtful)
 
@@ -420,21 +430,43 @@ def test_the_sides_of_a_large_pocket_bow_out_of_their_corners_box():
 # -- boxes of pixels ----------------------------------------------------------------------------
 
 
+def boxes_of(pixels, margin_px):
+    """The box of points that project to given pixels, at 1 m."""
+    camera = camera_with(())
+    points = camera.back_project(pixels, 1000.0)
+    return pixel_boxes(points[None], camera, margin_px)[0]
+
+
 def test_a_pixel_box_holds_all_positions_and_a_margin():
-    box = pixel_box(np.array([[10.2, 20.0], [14.0, 25.7]]), camera_with(()), margin_px=2)
-    assert box == PixelBox(top=18, bottom=29, left=8, right=17)
+    box = boxes_of([[10.2, 20.0001], [14.0001, 25.7]], margin_px=2)
+    assert box == PixelBox(top=18, bottom=29, left=8, right=18)
     assert not box.empty
 
 
 def test_a_pixel_box_is_cut_at_the_frame_also_far_away():
-    positions = np.array([[-1e30, 5.0], [1e30, np.inf]])
-    box = pixel_box(positions, camera_with(()), margin_px=1)
+    box = boxes_of([[-1e15, 5.1], [1e15, 1e15]], margin_px=1)
     assert box == PixelBox(top=4, bottom=240, left=0, right=320)
 
 
-@pytest.mark.parametrize("position", [[-9.0, 5.0], [400.0, 5.0], [5.0, -1e25], [5.0, 900.0]])
+@pytest.mark.parametrize("position", [[-9.0, 5.0], [400.0, 5.0], [5.0, -1e15], [5.0, 900.0]])
 def test_a_pixel_box_outside_the_frame_is_empty(position):
-    assert pixel_box(np.array([position]), camera_with(()), margin_px=1).empty
+    assert boxes_of([position], margin_px=1).empty
+
+
+def test_what_projects_only_in_part_is_searched_for_everywhere():
+    outline = np.array([[[0.0, 0.0, 500.0], [0.0, 0.0, -1.0]]])
+    (box,) = pixel_boxes(outline, camera_with(()), margin_px=1)
+    assert box == PixelBox(top=0, bottom=240, left=0, right=320)
+
+
+def test_many_features_at_once_give_what_each_alone_gives():
+    camera = camera_with(LENSES["barrel"])
+    rings = [CIRCLE, SLOT, CIRCLE]
+    poses = [pose(0, 0, 600.0), pose(20, -10, 650.0, w_deg=12.0), pose(5000, 0, 600.0)]
+    together = ring_pixels(rings, camera, poses)
+    for (rows, columns), ring, where in zip(together, rings, poses, strict=True):
+        np.testing.assert_array_equal((rows, columns), ring_of(ring, camera, where))
+    assert ring_pixels([], camera, []) == []
 
 
 # -- bad sizes ----------------------------------------------------------------------------------

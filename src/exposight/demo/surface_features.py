@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Cloud, Feature, RingTolerance
+from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Cloud, Feature, Part, RingTolerance
 from exposight.errors import CloudError
 from exposight.geometry import RigidTransform, rotation_facing
-from exposight.observing import Visibility, point_search, view_feature
+from exposight.observing import Visibility, point_search, view_features
 
 _MIN_POINTS = 50
 """Fewer points make no plane worth the name."""
@@ -92,12 +92,13 @@ def place_features(
         if pose is None:
             continue
         feature = replace(feature, part_from_feature=pose)
-        view = view_feature(feature, sensor, RigidTransform(), rules.tolerance)
+        patch = Part(name="patch", features=(feature,))
+        (view,) = view_features(patch, sensor, RigidTransform(), rules.tolerance)
         if view.visibility is not Visibility.VISIBLE:
             continue
         low, high = rules.p_norm
         if view.incidence_deg <= rules.max_incidence_deg and (
-            low <= search.count(view) / view.n_pixels <= high
+            low <= search.count([view])[0] / view.n_pixels <= high
         ):
             features.append(feature)
         if len(features) == count:

@@ -10,13 +10,14 @@ from exposight.geometry.calibration_files import (
     read_ros_camera_info,
 )
 from exposight.geometry.cameras import PinholeCamera
-from exposight.geometry.cylinders import (
-    HollowCylinder,
+from exposight.geometry.coverage import (
     PixelBox,
     count_points_inside,
-    pixel_box,
+    outlines_in_camera,
+    pixel_boxes,
     ring_pixels,
 )
+from exposight.geometry.cylinders import HollowCylinder
 from exposight.geometry.poses import (
     RigidTransform,
     check_points,
@@ -36,7 +37,8 @@ __all__ = [
     "check_points",
     "check_rotation",
     "count_points_inside",
-    "pixel_box",
+    "outlines_in_camera",
+    "pixel_boxes",
     "read_opencv_file",
     "read_projector_camera",
     "read_ros_camera_info",

@@ -5,7 +5,6 @@ from exposight.observing.masks import (
     Visibility,
     incidence_deg,
     orientation_deg,
-    view_feature,
     view_features,
 )
 from exposight.observing.observe import observe_campaign, observe_capture
@@ -30,6 +29,5 @@ __all__ = [
     "orientation_deg",
     "point_search",
     "read_observations",
-    "view_feature",
     "view_features",
 ]

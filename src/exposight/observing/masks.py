@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.cell import PAPER_TOLERANCE
-from exposight.geometry import PixelBox, pixel_box, ring_pixels
+from exposight.geometry import outlines_in_camera, pixel_boxes, ring_pixels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.cell import ActiveSensor, Feature, Part, RingTolerance
-    from exposight.geometry import HollowCylinder, PinholeCamera, RigidTransform
+    from exposight.geometry import HollowCylinder, PixelBox, RigidTransform
 
 _MARGIN_PX = 3
 """Slack round the pixels searched for points: decoded points stray a little from their pixel."""
+
+_NO_PIXELS = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
 _SYMMETRIC_KINDS = frozenset({"hole", "sphere", "surface_point"})
 
@@ -121,92 +123,83 @@ def incidence_deg(camera_from_feature: RigidTransform) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def view_feature(
-    feature: Feature,
-    sensor: ActiveSensor,
-    camera_from_part: RigidTransform,
-    tolerance: RingTolerance = PAPER_TOLERANCE,
-) -> FeatureView:
-    """Find a feature's mask in a view, or the reason why it has none.
-
-    Parameters
-    ----------
-    feature : Feature
-        What to look for.
-    sensor : ActiveSensor
-        Its first camera takes the image; its TCP is the frame of the pose.
-    camera_from_part : RigidTransform
-        Where the part stands.
-    tolerance : RingTolerance
-        Height and radii of the hollow cylinder; the paper's by default (Sect. 3.1.3).
-
-    Returns
-    -------
-    FeatureView
-    """
-    region = feature.measured_region(tolerance)
-    camera_from_feature = camera_from_part @ feature.part_from_feature
-    tcp_from_feature = sensor.camera_from_tcp.inverse() @ camera_from_feature
-    w_deg, p_deg, r_deg = orientation_deg(feature, tcp_from_feature)
-    angle = incidence_deg(camera_from_feature)
-    visibility, rows, columns = _mask(region, sensor.camera, camera_from_feature, angle)
-    return FeatureView(
-        feature=feature,
-        region=region,
-        camera_from_feature=camera_from_feature,
-        tcp_from_feature=tcp_from_feature,
-        w_deg=w_deg,
-        p_deg=p_deg,
-        r_deg=r_deg,
-        incidence_deg=angle,
-        visibility=visibility,
-        rows=rows,
-        columns=columns,
-        search_box=_search_box(region, sensor.camera, camera_from_feature),
-    )
-
-
 def view_features(
     part: Part,
     sensor: ActiveSensor,
     camera_from_part: RigidTransform,
     tolerance: RingTolerance = PAPER_TOLERANCE,
 ) -> tuple[FeatureView, ...]:
-    """Do `view_feature` for every feature of a part, in the part's order."""
-    return tuple(
-        view_feature(feature, sensor, camera_from_part, tolerance) for feature in part.features
+    """Find the masks of a part's features in a view, or the reasons why they have none.
+
+    Parameters
+    ----------
+    part : Part
+        Whose features are looked for.
+    sensor : ActiveSensor
+        Its first camera takes the image; its TCP is the frame of the poses.
+    camera_from_part : RigidTransform
+        Where the part stands.
+    tolerance : RingTolerance
+        Height and radii of the hollow cylinders; the paper's by default (Sect. 3.1.3).
+
+    Returns
+    -------
+    tuple of FeatureView
+        In the part's order.
+    """
+    regions = [feature.measured_region(tolerance) for feature in part.features]
+    poses = [camera_from_part @ feature.part_from_feature for feature in part.features]
+    camera = sensor.camera
+    angles = [incidence_deg(pose) for pose in poses]
+    outlines = outlines_in_camera(regions, poses)
+    in_frame = camera.in_frame(camera.project(outlines))
+    behind = outlines[:, :, 2].min(axis=1) <= 0
+    facing = np.flatnonzero(~behind & (np.array(angles) < 90.0))
+    masks = dict(
+        zip(
+            facing.tolist(),
+            ring_pixels([regions[i] for i in facing], camera, [poses[i] for i in facing]),
+            strict=True,
+        )
     )
+    ends = [outlines_in_camera(regions, poses, end) for end in (-1.0, 1.0)]
+    boxes = pixel_boxes(np.concatenate(ends, axis=1), camera, _MARGIN_PX)
+    tcp_from_camera = sensor.camera_from_tcp.inverse()
+    views = []
+    for i, feature in enumerate(part.features):
+        rows, columns = masks.get(i, _NO_PIXELS)
+        visibility = _visibility(bool(behind[i]), angles[i], in_frame[i], rows.size)
+        if visibility is not Visibility.VISIBLE:
+            rows, columns = _NO_PIXELS
+        tcp_from_feature = tcp_from_camera @ poses[i]
+        w_deg, p_deg, r_deg = orientation_deg(feature, tcp_from_feature)
+        views.append(
+            FeatureView(
+                feature=feature,
+                region=regions[i],
+                camera_from_feature=poses[i],
+                tcp_from_feature=tcp_from_feature,
+                w_deg=w_deg,
+                p_deg=p_deg,
+                r_deg=r_deg,
+                incidence_deg=angles[i],
+                visibility=visibility,
+                rows=rows,
+                columns=columns,
+                search_box=boxes[i],
+            )
+        )
+    return tuple(views)
 
 
-def _mask(
-    region: HollowCylinder,
-    camera: PinholeCamera,
-    camera_from_feature: RigidTransform,
-    angle_deg: float,
-) -> tuple[Visibility, NDArray[np.int64], NDArray[np.int64]]:
-    nothing = np.zeros(0, dtype=np.int64)
-    outline = camera_from_feature.apply(region.outline())
-    if (outline[:, 2] <= 0).any():
-        return Visibility.BEHIND_CAMERA, nothing, nothing
+def _visibility(
+    behind: bool, angle_deg: float, outline_in_frame: NDArray[np.bool_], n_pixels: int
+) -> Visibility:
+    if behind:
+        return Visibility.BEHIND_CAMERA
     if angle_deg >= 90.0:
-        return Visibility.FACING_AWAY, nothing, nothing
-    in_frame = camera.in_frame(camera.project(outline))
-    rows, columns = ring_pixels(region, camera, camera_from_feature)
-    if in_frame.all():
-        visibility = Visibility.VISIBLE if rows.size else Visibility.BELOW_ONE_PIXEL
-        return visibility, rows, columns
-    partly = in_frame.any() or rows.size
-    visibility = Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME
-    return visibility, nothing, nothing
-
-
-def _search_box(
-    region: HollowCylinder, camera: PinholeCamera, camera_from_feature: RigidTransform
-) -> PixelBox:
-    """Return the pixels onto which both ends of the hollow cylinder, hence all of it, project."""
-    half = region.height_mm / 2
-    ends = [region.outline(region.plane_z_mm + side * half) for side in (-1.0, 1.0)]
-    pixels = camera.project(camera_from_feature.apply(np.concatenate(ends)))
-    if not np.isfinite(pixels).all():
-        return PixelBox(top=0, bottom=camera.height, left=0, right=camera.width)
-    return pixel_box(pixels, camera, _MARGIN_PX)
+        return Visibility.FACING_AWAY
+    if outline_in_frame.all():
+        return Visibility.VISIBLE if n_pixels else Visibility.BELOW_ONE_PIXEL
+    partly = outline_in_frame.any() or n_pixels
+    return Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME

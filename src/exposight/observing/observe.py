@@ -44,7 +44,9 @@ def observe_capture(
     list of Observation
         One for each feature, also for those that cannot be measured, in the order given.
     """
-    return [_observe(capture, view, search) for view in views]
+    measured = [view for view in views if view.visibility is Visibility.VISIBLE]
+    counts = dict(zip(map(id, measured), search.count(measured).tolist(), strict=True))
+    return [_observe(capture, view, counts.get(id(view))) for view in views]
 
 
 def observe_campaign(
@@ -98,9 +100,9 @@ def observe_campaign(
     return ObservationTable.from_observations(rows)
 
 
-def _observe(capture: Capture, view: FeatureView, search: PointSearch) -> Observation:
-    measured = view.visibility is Visibility.VISIBLE
-    n_points = search.count(view) if measured else None
+def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Observation:
+    """Make a row; `n_points` is None where the feature cannot be measured."""
+    measured = n_points is not None
     brightness = ring_brightness(capture, view.rows, view.columns) if measured else None
     x_mm, y_mm, z_mm = view.tcp_from_feature.translation_mm.tolist()
     return Observation(

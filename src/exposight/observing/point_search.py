@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from exposight.geometry import count_points_inside
+from exposight.geometry import PixelBox, count_points_inside
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from exposight.cell import Cloud
@@ -26,10 +28,11 @@ _STRAY_PX = 1.0
 
 
 class PointSearch(Protocol):
-    """Counts the points inside a feature's hollow cylinder."""
+    """Counts the points inside features' hollow cylinders."""
 
-    def count(self, view: FeatureView) -> int:
-        """Return the paper's n_points (Eq. 4)."""
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        """Return the paper's n_points (Eq. 4) of each."""
+        ...
 
 
 def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
@@ -64,12 +67,8 @@ class _ByPixel:
     def __init__(self, points: NDArray[np.float32]) -> None:
         self._points = points
 
-    def count(self, view: FeatureView) -> int:
-        box = view.search_box
-        if box.empty:
-            return 0
-        near = self._points[box.top : box.bottom, box.left : box.right]
-        return count_points_inside(view.region, near, view.camera_from_feature)
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        return _count(views, self._points, [view.search_box for view in views])
 
 
 class _BySlice:
@@ -78,7 +77,10 @@ class _BySlice:
         self._points = points[np.argsort(points[:, self._axis], kind="stable")]
         self._coordinate = np.ascontiguousarray(self._points[:, self._axis])
 
-    def count(self, view: FeatureView) -> int:
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        return _count(views, self._points, [self._slice(view) for view in views])
+
+    def _slice(self, view: FeatureView) -> PixelBox:
         centre = view.camera_from_feature.translation_mm[self._axis]
         reach = view.region.bounding_radius_mm
         # float32 neighbours of the bounds: searching float32 values must not lose a border point
@@ -86,4 +88,15 @@ class _BySlice:
         high = np.nextafter(np.float32(centre + reach), np.float32(np.inf))
         start = int(np.searchsorted(self._coordinate, low, side="left"))
         stop = int(np.searchsorted(self._coordinate, high, side="right"))
-        return count_points_inside(view.region, self._points[start:stop], view.camera_from_feature)
+        return PixelBox(top=0, bottom=1, left=start, right=stop)
+
+
+def _count(
+    views: Sequence[FeatureView], points: NDArray[np.float32], boxes: Sequence[PixelBox]
+) -> NDArray[np.int64]:
+    return count_points_inside(
+        [view.region for view in views],
+        points,
+        [view.camera_from_feature for view in views],
+        boxes,
+    )
