@@ -37,7 +37,7 @@ check: $(READY)  ## Lint, check types strictly, check the import contract
 	$(BIN)/lint-imports --no-logo
 
 docs: $(READY)  ## Draw the pictures in docs/ again
-	$(RUN) -m benchmarks.pictures
+	$(RUN) docs/draw_pictures.py
 
 bench: $(READY)  ## Run a benchmark: make bench NAME=real
 	@test -n "$(NAME)" || { echo "say which: make bench NAME=real"; exit 2; }
