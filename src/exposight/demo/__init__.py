@@ -9,13 +9,8 @@ from exposight.demo.recording import (
     read_skull,
     skull_sensor,
 )
-from exposight.demo.study import (
-    DemoResult,
-    DemoSettings,
-    ModelResult,
-    SequenceCheck,
-    run_demo,
-)
+from exposight.demo.result import DemoResult, DemoSettings, ModelResult, SequenceCheck
+from exposight.demo.study import run_demo
 from exposight.demo.surface_features import PlacementRules, place_features
 
 __all__ = [

@@ -8,11 +8,9 @@ are trained on half of the features and judged by the other half.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,24 +34,20 @@ from exposight.demo.recording import (
     read_skull,
     skull_sensor,
 )
+from exposight.demo.result import DemoResult, DemoSettings, ModelResult, SequenceCheck
 from exposight.demo.surface_features import place_features
 from exposight.errors import FileError, InputError
 from exposight.evaluation import split_by_group
 from exposight.geometry import RigidTransform
 from exposight.imaging import (
-    CloudAgreement,
-    DecodingCounts,
     compare_along_rays,
     re_expose,
     sequence_preset,
 )
 from exposight.models import (
     MODEL_SUFFIX,
-    MODELS,
-    Evaluation,
     ModelSpecification,
     Provenance,
-    TrainedModel,
     evaluate,
     save_model,
     train,
@@ -74,106 +68,6 @@ Progress = Callable[[str, int, int], None]
 
 _VIEW = "skull"
 _STRIPE_FRAME = 0  # the first of the sixteen-period fringes: the finest stripes of the recording
-
-
-@dataclass(frozen=True, kw_only=True)
-class DemoSettings:
-    """What the demonstration does.
-
-    Parameters
-    ----------
-    features : int
-        Ring features to place, half of which train.
-    steps_per_decade : int
-        Of the emulated exposure sweep, a geometric progression through the nominal exposure.
-    steps_each_way : int
-        Steps below and above the nominal exposure.
-    seed : int
-        Of places, radii, the split and the restarts.
-    restarts : int
-        Starts of each model's optimiser; the paper took three.
-    models : tuple of ModelSpecification
-        Which ones are trained.
-    workers : int
-        Processes that train at the same time.
-    """
-
-    features: int = 220
-    steps_per_decade: int = 8
-    steps_each_way: int = 6
-    seed: int = 1
-    restarts: int = 3
-    models: tuple[ModelSpecification, ...] = MODELS
-    workers: int = max(1, os.cpu_count() or 1)
-
-    def exposures_ms(self) -> tuple[float, ...]:
-        """Return the sweep's exposure times in ms, the nominal one among them."""
-        steps = range(-self.steps_each_way, self.steps_each_way + 1)
-        factors = (10.0 ** (step / self.steps_per_decade) for step in steps)
-        return tuple(round(NOMINAL_EXPOSURE_MS * factor, 3) for factor in factors)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SequenceCheck:
-    """How one decoded sequence compares with the authors' cloud."""
-
-    title: str
-    counts: DecodingCounts
-    agreement: CloudAgreement
-    seconds: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ModelResult:
-    """A trained model, judged by the features it knows and by those it has never seen."""
-
-    model: TrainedModel
-    known: Evaluation
-    unseen: Evaluation
-    seconds: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DemoResult:
-    """Everything the demonstration found.
-
-    Parameters
-    ----------
-    settings : DemoSettings
-        What was asked for.
-    output : Path
-        Folder in which campaign, table and models are.
-    sensor : ActiveSensor
-        The recording's rig.
-    checks : tuple of SequenceCheck
-        Gray code and phase shift against the authors' cloud.
-    sweep : tuple of Capture
-        Three captures of the sweep: dark, nominal, bright.
-    cloud : Cloud
-        At the nominal exposure.
-    views : tuple of FeatureView
-        The features, their masks and poses.
-    table : ObservationTable
-        All observations.
-    train_features : frozenset of str
-        Names of the features that trained.
-    overlap : float
-        Share of the unseen features' ring pixels that lie in a training feature's ring too.
-    results : tuple of ModelResult
-        One for each model.
-    """
-
-    settings: DemoSettings
-    output: Path
-    sensor: ActiveSensor
-    checks: tuple[SequenceCheck, ...]
-    sweep: tuple[Capture, ...]
-    cloud: Cloud
-    views: tuple[FeatureView, ...]
-    table: ObservationTable
-    train_features: frozenset[str]
-    overlap: float
-    results: tuple[ModelResult, ...]
 
 
 def run_demo(
@@ -207,9 +101,10 @@ def run_demo(
     settings = settings or DemoSettings()
     tell = progress or _silent
     _check_settings(settings)
+    skull = find_skull(data)
     folder = _make_folder(Path(output))
     tell("reading frames", 0, 1)
-    recording = read_skull(find_skull(data))
+    recording = read_skull(skull)
     tell("reading frames", 1, 1)
     checks, cloud = _check_decoding(recording, tell)
     sensor = skull_sensor(recording.rig, cloud)

@@ -1,14 +1,16 @@
 """Counting a cloud's points inside hollow cylinders (Eq. 4) without touching most of the cloud.
 
-An organised cloud whose points lie where their pixels look needs only the pixels onto which the
-cylinder projects. Any other cloud is sorted once along its longest side, so that a cylinder needs
-only the slice beside it. Both give the very count that testing every point would.
+Points of an organised cloud that lie where their pixels look are found by those pixels: only the
+ones onto which the cylinder projects need be looked at. All other points are sorted once along
+their longest side, so that a cylinder needs only the slice beside it. Together they give the very
+count that testing every point would.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+import numba
 import numpy as np
 
 from exposight.geometry import PixelBox, count_points_inside
@@ -22,9 +24,8 @@ if TYPE_CHECKING:
     from exposight.geometry import PinholeCamera
     from exposight.observing.masks import FeatureView
 
-_SAMPLES = 4096
 _STRAY_PX = 1.0
-"""How far a point may lie beside its pixel for the cloud to count as the camera's own."""
+"""How far beside its pixel a point may lie to be found by it; less than a search box's margin."""
 
 
 class PointSearch(Protocol):
@@ -45,22 +46,39 @@ def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
     camera : PinholeCamera
         The camera whose pixels an organised cloud has.
     """
-    if cloud.organised and _follows_pixels(cloud, camera):
+    if not cloud.organised or cloud.valid.shape != (camera.height, camera.width):
+        return _BySlice(cloud.valid_points)
+    allowed_x, allowed_y = _STRAY_PX / camera.fx, _STRAY_PX / camera.fy
+    stray, n_stray = _find_strays(cloud.points, camera.rays(), allowed_x, allowed_y)
+    if n_stray == 0:
         return _ByPixel(cloud.points)
-    return _BySlice(cloud.points[cloud.valid])
+    if n_stray == cloud.n_valid:
+        return _BySlice(cloud.valid_points)
+    following = cloud.points.copy()
+    following[stray] = np.nan
+    return _Both(_ByPixel(following), _BySlice(cloud.points[stray]))
 
 
-def _follows_pixels(cloud: Cloud, camera: PinholeCamera) -> bool:
-    """Tell whether an organised cloud's points project back onto their own pixels."""
-    if cloud.points.shape[:2] != (camera.height, camera.width):
-        return False
-    valid = np.flatnonzero(cloud.valid)
-    if valid.size == 0:
-        return True
-    chosen = valid[:: max(1, valid.size // _SAMPLES)]
-    rows, columns = np.divmod(chosen, camera.width)
-    stray = camera.project(cloud.points[rows, columns]) - np.column_stack([columns, rows])
-    return bool((np.abs(stray) <= _STRAY_PX).all())  # NaN, behind the camera, is not
+@numba.njit(parallel=True, cache=True)
+def _find_strays(
+    points: NDArray[np.float32], rays: NDArray[np.float64], allowed_x: float, allowed_y: float
+) -> tuple[NDArray[np.bool_], int]:
+    """Mark the points that do not lie where their pixels look, and count them."""
+    stray = np.empty(points.shape[:2], dtype=np.bool_)
+    count = 0
+    for v in numba.prange(points.shape[0]):
+        row, ray, marks = points[v], rays[v], stray[v]
+        in_row = 0
+        for u in range(row.shape[0]):
+            x, y, z = row[u, 0], row[u, 1], row[u, 2]
+            # False behind the camera, and where the lens model gives the pixel no ray
+            near = (abs(x - ray[u, 0] * z) <= allowed_x * z) & (
+                abs(y - ray[u, 1] * z) <= allowed_y * z
+            )
+            marks[u] = (z == z) & (not near)  # a missing point is NaN, and strays nowhere
+            in_row += marks[u]
+        count += in_row
+    return stray, count
 
 
 class _ByPixel:
@@ -89,6 +107,15 @@ class _BySlice:
         start = int(np.searchsorted(self._coordinate, low, side="left"))
         stop = int(np.searchsorted(self._coordinate, high, side="right"))
         return PixelBox(top=0, bottom=1, left=start, right=stop)
+
+
+class _Both:
+    def __init__(self, by_pixel: _ByPixel, by_slice: _BySlice) -> None:
+        self._by_pixel = by_pixel
+        self._by_slice = by_slice
+
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        return self._by_pixel.count(views) + self._by_slice.count(views)
 
 
 def _count(

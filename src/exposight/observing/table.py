@@ -7,6 +7,7 @@ feature could not be measured says why in ``visibility`` and has no p_norm.
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -70,16 +71,16 @@ class Observation:
     p_deg: float
     r_deg: float
     radius_mm: float
-    n_points: int | None
-    n_pixels: int | None
-    i_std: float | None
-    i_median: float | None
-    i_p05: float | None
-    i_p95: float | None
-    clipped_share: float | None
-    incidence_deg: float
-    visibility: str
-    emulated: bool
+    n_points: int | None = None
+    n_pixels: int | None = None
+    i_std: float | None = None
+    i_median: float | None = None
+    i_p05: float | None = None
+    i_p95: float | None = None
+    clipped_share: float | None = None
+    incidence_deg: float = math.nan
+    visibility: str = Visibility.VISIBLE.value
+    emulated: bool = False
 
 
 _TYPES: dict[str, type[pl.DataType]] = {
@@ -94,6 +95,10 @@ SCHEMA = pl.Schema({field.name: _TYPES[str(field.type)] for field in fields(Obse
 
 _REQUIRED = tuple(SCHEMA)[: tuple(SCHEMA).index("radius_mm") + 1]
 _UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
+_TEXT = {name: dtype for name, dtype in SCHEMA.items() if dtype == pl.String}
+
+_P_NORM_MAX = 10.0
+"""A cloud denser than the image gives more than 1, but ten points a pixel are percent mistaken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -222,6 +227,7 @@ def read_observations(path: str | Path) -> ObservationTable:
     frame = frame.with_columns(
         _missing_column(name) for name in SCHEMA if name not in frame.columns
     )
+    _check_whole(path, frame)
     try:
         frame = frame.select(pl.col(name).cast(dtype) for name, dtype in SCHEMA.items())
     except pl.exceptions.PolarsError as error:
@@ -236,7 +242,8 @@ def _read_frame(path: Path) -> pl.DataFrame:
     try:
         match path.suffix.lower():
             case ".csv":
-                return pl.read_csv(path, infer_schema_length=None)
+                # Without the types a feature called 007 would become 7.
+                return pl.read_csv(path, infer_schema_length=None, schema_overrides=_TEXT)
             case ".parquet":
                 return pl.read_parquet(path)
             case suffix:
@@ -280,24 +287,47 @@ def _missing_column(name: str) -> pl.Expr:
     return pl.lit(None, dtype=SCHEMA[name]).alias(name)
 
 
+def _check_whole(path: Path, frame: pl.DataFrame) -> None:
+    """Refuse fractions in columns of whole numbers: casting would cut them off unseen."""
+    for name, dtype in SCHEMA.items():
+        if dtype.is_integer() and frame.schema[name].is_float():
+            column = frame[name]
+            _refuse(path, column, column != column.floor(), "whole numbers")
+
+
 def _check_values(path: Path, frame: pl.DataFrame) -> None:
-    for name in ("feature", "view", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg"):
-        column = frame[name]
-        bad = column.is_null() | (column.is_nan() if column.dtype.is_float() else False)
-        if bad.any():
-            _refuse(path, name, bad, "a value in every row")
-    ranges = {"exposure_ms": (0.0, np.inf), "i_avg": (0.0, 255.0), "p_norm": (0.0, np.inf)}
-    for name, (low, high) in ranges.items():
-        bad = ~frame[name].is_between(low, high).fill_null(value=True)
-        bad |= frame[name].is_nan().fill_null(value=False)
-        if bad.any():
-            _refuse(path, name, bad, f"values in {low:g}…{high:g}")
+    for name in (*_REQUIRED, "visibility", "emulated"):
+        if name not in {"p_norm", "i_avg"}:  # empty where a feature was not measured
+            _refuse(path, frame[name], frame[name].is_null(), "a value in every row")
+    for name, dtype in SCHEMA.items():
+        if dtype.is_float() and name != "incidence_deg":  # NaN where the table has none
+            _refuse(path, frame[name], ~frame[name].is_finite(), "finite numbers")
+    _refuse(path, frame["exposure_ms"], frame["exposure_ms"] <= 0, "values above 0")
+    _refuse(path, frame["radius_mm"], frame["radius_mm"] < 0, "values of at least 0")
+    for name in ("i_avg", "i_median", "i_p05", "i_p95"):
+        _refuse(path, frame[name], ~frame[name].is_between(0, 255), "grey levels 0–255")
+    _refuse(
+        path,
+        frame["p_norm"],
+        ~frame["p_norm"].is_between(0, _P_NORM_MAX),
+        "a share, 0–1, of the ring's pixels (divide percent by 100)",
+    )
+    unlit = frame["p_norm"].is_not_null() & frame["i_avg"].is_null()
+    _refuse(path, frame["i_avg"], unlit, "a value in every row that has a p_norm")
+    reasons = [reason.value for reason in Visibility]
+    unknown = ~frame["visibility"].is_in(reasons)
+    _refuse(path, frame["visibility"], unknown, f"one of {', '.join(map(repr, reasons))}")
 
 
-def _refuse(path: Path, name: str, bad: pl.Series, expected: str) -> None:
-    row = int(np.flatnonzero(bad.to_numpy())[0])
+def _refuse(path: Path, column: pl.Series, bad: pl.Series, expected: str) -> None:
+    """Refuse a column where `bad` is true; where it is null, there is no value to judge."""
+    rows = np.flatnonzero(bad.fill_null(value=False).to_numpy())
+    if rows.size == 0:
+        return
+    value = column[int(rows[0])]
     msg = (
-        f"{path}: column '{name}' needs {expected}; row {row + 1} after the header has none "
-        f"({int(bad.sum())} such rows)"
+        f"{path}: column '{column.name}' needs {expected}; row {rows[0] + 1} after the header "
+        f"{'is empty' if value is None else f'has {value}'} ({rows.size} of {len(column)} rows "
+        "are wrong)"
     )
     raise ObservationError(msg)
