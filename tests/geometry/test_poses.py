@@ -398,3 +398,10 @@ def test_checked_points_are_float64_and_may_be_missing():
     points = check_points(np.array([[1, 2, np.nan]], dtype=np.float32))
     assert points.dtype == np.float64
     assert np.isnan(points[0, 2])
+
+
+@given(transform=transforms())
+@LAW
+def test_a_checked_pose_is_left_alone(transform):
+    again = RigidTransform.from_matrix(transform.to_matrix())
+    assert again == transform

@@ -73,7 +73,7 @@ def test_a_holes_angles_give_its_normal_whatever_its_orientation(w, p, r):
 
 
 @given(spin=turns)
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 def test_a_turn_about_its_own_axis_does_not_change_a_holes_row(
     sensor_and_capture, observe, hole, spin
 ):
@@ -88,7 +88,7 @@ def test_a_turn_about_its_own_axis_does_not_change_a_holes_row(
 
 
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(-500, 500), w=turns, r=turns)
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 def test_the_origin_of_the_parts_frame_does_not_matter(
     sensor_and_capture, observe, make_capture, hole, x, y, z, w, r
 ):

@@ -51,9 +51,7 @@ def test_what_cannot_be_measured_takes_no_place_of_what_can(
     sensor, facing, make_capture, observe, hole
 ):
     poses = [*POSES.values(), facing]
-    features = tuple(
-        hole(20.0, facing.inverse() @ pose, f"f{i}") for i, pose in enumerate(poses)
-    )
+    features = tuple(hole(20.0, facing.inverse() @ pose, f"f{i}") for i, pose in enumerate(poses))
     rows = observe(sensor, features, make_capture(sensor, facing))
     assert [row.feature for row in rows] == [feature.name for feature in features]
     assert [row.visibility for row in rows] == [*(reason.value for reason in POSES), "visible"]

@@ -29,8 +29,12 @@ Calibration files print seven to nine significant digits, single-precision ones 
 """
 
 
+_ROUNDING = 1e-13
+"""Deviations below this are left alone, so that a pose read from a file is the one written."""
+
+
 def check_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return `rotation` as a 3×3 array, made exactly orthonormal.
+    """Return `rotation` as a 3×3 array, made orthonormal to rounding.
 
     Parameters
     ----------
@@ -68,6 +72,8 @@ def check_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
             "check for a swapped or negated axis"
         )
         raise PoseError(msg)
+    if deviation < _ROUNDING:
+        return matrix.copy()
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ vt)
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field
@@ -22,7 +23,7 @@ from exposight.cell.documents import StrictDocument, check_header, parse_json, v
 from exposight.durable import write_durably
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
 from exposight.gp import GaussianProcess, kernel_from_dict
-from exposight.models.specification import UNITS, ModelSpecification
+from exposight.models.specification import UNITS, ModelSpecification, Target
 from exposight.models.trained_model import FitSummary, Provenance, TrainedModel
 
 if TYPE_CHECKING:
@@ -36,11 +37,16 @@ _VERSION = 1
 _MANIFEST, _INPUTS, _TARGETS = "model.json", "inputs.npy", "targets.npy"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # ZIP's earliest date: the same model gives the same bytes
 _DIGEST_LENGTH = 64
+_HEAD_LENGTH = 40  # ZIP's header of the first member, 30 bytes, and that member's name
 
 
 class _VariableDocument(StrictDocument):
     name: str
     unit: str
+
+
+class _TargetDocument(_VariableDocument):
+    name: Target
 
 
 class _FitDocument(StrictDocument):
@@ -65,7 +71,7 @@ class _ModelDocument(StrictDocument):
     name: str
     title: str
     source: str
-    target: _VariableDocument
+    target: _TargetDocument
     inputs: tuple[_VariableDocument, ...]
     p_norm_min: float | None
     kernel: dict[str, Any]
@@ -136,7 +142,7 @@ def load_model(path: str | Path) -> TrainedModel:
         msg = f"{path}: no such model file"
         raise MissingFileError(msg)
     data = path.read_bytes()
-    if not data.startswith(b"PK"):
+    if not _is_marked(data[:_HEAD_LENGTH], data[-_DIGEST_LENGTH:]):
         msg = (
             f"{path}: expected a model file (a ZIP archive that `train` wrote), got something else"
         )
@@ -154,7 +160,7 @@ def load_model(path: str | Path) -> TrainedModel:
         raise FormatError(msg) from error
     document = validate(_ModelDocument, manifest, str(path))
     try:
-        return _model(document, x, y)
+        return _model(document, x, y, source=str(path))
     except InputError as error:
         msg = f"{path}: {error}"
         raise FormatError(msg) from error
@@ -163,10 +169,21 @@ def load_model(path: str | Path) -> TrainedModel:
 def is_model_file(path: str | Path) -> bool:
     """Tell whether a file looks like a model, without verifying it."""
     path = Path(path)
-    if not zipfile.is_zipfile(path):
+    if not path.is_file():
         return False
-    with zipfile.ZipFile(path) as archive:
-        return _MANIFEST in archive.namelist()
+    with path.open("rb") as file:
+        head = file.read(_HEAD_LENGTH)
+        file.seek(max(0, file.seek(0, io.SEEK_END) - _DIGEST_LENGTH))
+        return _is_marked(head, file.read())
+
+
+def _is_marked(head: bytes, tail: bytes) -> bool:
+    """Tell a model by its beginning or its end, so that one damage does not make it a stranger."""
+    local_header = b"PK\x03\x04"
+    if len(head) < _HEAD_LENGTH:  # cut off where no other file ends
+        return head.startswith(local_header)
+    begins = head.startswith(local_header) and head.endswith(_MANIFEST.encode())
+    return begins or re.fullmatch(rb"[0-9a-f]{64}", tail) is not None
 
 
 def _check_digest(path: Path, data: bytes) -> None:
@@ -187,7 +204,7 @@ def _document(model: TrainedModel) -> _ModelDocument:
         name=specification.name,
         title=specification.title,
         source=specification.source,
-        target=_VariableDocument(name=specification.target, unit=UNITS[specification.target]),
+        target=_TargetDocument(name=specification.target, unit=UNITS[specification.target]),
         inputs=tuple(
             _VariableDocument(name=name, unit=UNITS[name]) for name in specification.inputs
         ),
@@ -213,29 +230,21 @@ def _document(model: TrainedModel) -> _ModelDocument:
 
 
 def _model(
-    document: _ModelDocument, x: NDArray[np.float64], y: NDArray[np.float64]
+    document: _ModelDocument, x: NDArray[np.float64], y: NDArray[np.float64], *, source: str
 ) -> TrainedModel:
     kernel = kernel_from_dict(document.kernel)
-    target: Literal["p_norm", "exposure_ms"]
-    if document.target.name == "p_norm":
-        target = "p_norm"
-    elif document.target.name == "exposure_ms":
-        target = "exposure_ms"
-    else:
-        msg = f"target must be p_norm or exposure_ms, got '{document.target.name}'"
+    _check_variables(document, source)
+    if x.ndim != 2 or x.shape[1] != len(document.inputs):
+        msg = (
+            f"{source}: {_INPUTS} must have a column for each of {len(document.inputs)} inputs, "
+            f"got shape {x.shape}"
+        )
         raise FormatError(msg)
-    for variable in (document.target, *document.inputs):
-        if UNITS.get(variable.name) != variable.unit:
-            msg = (
-                f"variable '{variable.name}' is in '{variable.unit}', expected "
-                f"'{UNITS.get(variable.name, 'another variable')}'"
-            )
-            raise FormatError(msg)
     return TrainedModel(
         specification=ModelSpecification(
             name=document.name,
             title=document.title,
-            target=target,
+            target=document.target.name,
             inputs=tuple(variable.name for variable in document.inputs),
             kernel=kernel,
             p_norm_min=document.p_norm_min,
@@ -244,8 +253,24 @@ def _model(
         process=GaussianProcess.condition(kernel, document.noise_variance, x, y),
         summary=FitSummary(**document.fit.model_dump()),
         provenance=Provenance(**document.provenance.model_dump()),
-        sensor=ActiveSensor.from_json(document.sensor) if document.sensor else None,
+        sensor=ActiveSensor.from_json(document.sensor, source=f"{source}: its sensor")
+        if document.sensor
+        else None,
     )
+
+
+def _check_variables(document: _ModelDocument, source: str) -> None:
+    for variable in (document.target, *document.inputs):
+        unit = UNITS.get(variable.name)
+        if unit is None:
+            msg = f"{source}: no variable '{variable.name}'; expected one of {', '.join(UNITS)}"
+            raise FormatError(msg)
+        if variable.unit != unit:
+            msg = (
+                f"{source}: variable '{variable.name}' is in '{variable.unit}', expected "
+                f"'{unit}'; train the model again"
+            )
+            raise FormatError(msg)
 
 
 def _npy(array: NDArray[np.float64]) -> bytes:

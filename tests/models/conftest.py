@@ -1,0 +1,80 @@
+"""A small synthetic cell: brightness grows with exposure, quality with brightness."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from exposight.models import ModelSpecification, Provenance, TrainedModel, train
+from exposight.observing import Observation, ObservationTable
+
+PROVENANCE = Provenance(
+    observations="synthetic.csv",
+    observations_sha256="ab" * 32,
+    emulated=True,
+    seed=5,
+    exposight_version="0.1.0",
+)
+
+
+def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
+    """Return n observations; about one in six has i_avg < 10, and p_norm 0."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for i in range(n):
+        x, y, z = rng.uniform(-150, 150, 3).tolist()
+        w, p = rng.uniform(-10, 10, 2).tolist()
+        reflectance = 2.0 * (600 / (600 + z)) ** 2 * np.cos(np.radians(w)) * np.cos(np.radians(p))
+        i_avg = float(min(255.0, rng.uniform(3.0, 260.0)))
+        exposure = i_avg / reflectance
+        dark = i_avg < 10.0
+        quality = float(np.clip(1.0 - np.exp(-i_avg / 30.0) + rng.normal(0, 0.01), 0, 1))
+        rows.append(
+            Observation(
+                feature=f"f{i % 5}",
+                view=f"v{i % 7}",
+                exposure_ms=float(exposure),
+                p_norm=0.0 if dark else quality,
+                i_avg=i_avg,
+                x_mm=x,
+                y_mm=y,
+                z_mm=z,
+                w_deg=w,
+                p_deg=p,
+                r_deg=0.0,
+                radius_mm=5.0,
+                n_points=int(1000 * quality),
+                n_pixels=1000,
+                i_std=None,
+                i_median=None,
+                i_p05=None,
+                i_p95=None,
+                clipped_share=None,
+                incidence_deg=abs(w),
+                visibility="visible",
+                emulated=False,
+            )
+        )
+    return ObservationTable.from_observations(rows)
+
+
+def train_quickly(
+    specification: ModelSpecification, table: ObservationTable | None = None, **settings: object
+) -> TrainedModel:
+    given = {"seed": 5, "restarts": 1, "provenance": PROVENANCE, **settings}
+    return train(specification, synthetic_table() if table is None else table, **given)
+
+
+@pytest.fixture
+def table() -> ObservationTable:
+    return synthetic_table()
+
+
+@pytest.fixture(scope="session")
+def make_table() -> Callable[..., ObservationTable]:
+    return synthetic_table
+
+
+@pytest.fixture(scope="session")
+def trained() -> Callable[..., TrainedModel]:
+    return train_quickly

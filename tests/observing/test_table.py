@@ -1,0 +1,383 @@
+"""The observation table: what comes back from disk, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exposight.errors import FileError, FormatError, MissingFileError, ObservationError
+from exposight.observing import (
+    SCHEMA,
+    Observation,
+    ObservationTable,
+    Visibility,
+    read_observations,
+)
+
+MEASURED = Observation(
+    feature="f1",
+    view="v1",
+    exposure_ms=10.0,
+    p_norm=0.9,
+    i_avg=120.5,
+    x_mm=1.0,
+    y_mm=-2.0,
+    z_mm=30.0,
+    w_deg=1.5,
+    p_deg=-3.0,
+    r_deg=0.0,
+    radius_mm=5.0,
+    n_points=90,
+    n_pixels=100,
+    i_std=3.0,
+    i_median=120.0,
+    i_p05=110.0,
+    i_p95=130.0,
+    clipped_share=0.01,
+    incidence_deg=4.0,
+    visibility="visible",
+    emulated=False,
+)
+UNMEASURED = replace(
+    MEASURED,
+    feature="f2",
+    visibility="facing away",
+    **dict.fromkeys(
+        ["p_norm", "i_avg", "n_points", "n_pixels", "i_std", "i_median", "i_p05", "i_p95"]
+    ),
+    clipped_share=None,
+)
+OPTIONAL = tuple(SCHEMA)[12:]
+
+suffixes = pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+
+
+def table_of(*rows):
+    return ObservationTable.from_observations(rows)
+
+
+def rows_of(table):
+    return [Observation(**row) for row in table.frame.iter_rows(named=True)]
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a frame of two rows, with columns replaced, as CSV."""
+
+    def write(**columns):
+        frame = table_of(MEASURED, UNMEASURED).frame
+        changed = {name: pl.Series(values) for name, values in columns.items()}
+        path = tmp_path / "observations.csv"
+        frame.with_columns(**changed).write_csv(path)
+        return path
+
+    return write
+
+
+# -- round trips --------------------------------------------------------------------------------
+
+names = st.text(st.characters(exclude_categories=["C"]), min_size=1).filter(str.strip)
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+grey_levels = st.floats(0, 255)
+measured_rows = st.builds(
+    Observation,
+    feature=names,
+    view=names,
+    exposure_ms=st.floats(0, exclude_min=True, allow_infinity=False),
+    p_norm=st.floats(0, 1.2),
+    i_avg=grey_levels,
+    x_mm=numbers,
+    y_mm=numbers,
+    z_mm=numbers,
+    w_deg=numbers,
+    p_deg=numbers,
+    r_deg=numbers,
+    radius_mm=st.floats(0, allow_infinity=False),
+    n_points=st.integers(0, 2**62),
+    n_pixels=st.integers(1, 2**62),
+    i_std=grey_levels,
+    i_median=grey_levels,
+    i_p05=grey_levels,
+    i_p95=grey_levels,
+    clipped_share=st.floats(0, 1),
+    incidence_deg=st.floats(0, 180),
+    visibility=st.just("visible"),
+    emulated=st.booleans(),
+)
+rows = st.lists(measured_rows | st.just(UNMEASURED), min_size=1, max_size=5)
+
+
+@suffixes
+@given(rows=rows)
+@settings(max_examples=60, deadline=None)
+def test_every_value_comes_back_exactly(tmp_path_factory, suffix, rows):
+    path = tmp_path_factory.mktemp("table") / f"observations{suffix}"
+    table_of(*rows).write(path)
+    assert rows_of(read_observations(path)) == rows
+
+
+@suffixes
+def test_an_empty_table_comes_back(tmp_path, suffix):
+    path = tmp_path / f"observations{suffix}"
+    table_of().write(path)
+    assert len(read_observations(path)) == 0
+
+
+@suffixes
+def test_features_whose_names_are_numbers_keep_them(tmp_path, suffix):
+    rows = [replace(MEASURED, feature="007", view="1e3")] * 2
+    table_of(*rows).write(tmp_path / f"table{suffix}")
+    assert rows_of(read_observations(tmp_path / f"table{suffix}")) == rows
+
+
+@suffixes
+def test_a_suffix_in_capitals_is_the_same(tmp_path, suffix):
+    path = tmp_path / f"table{suffix.upper()}"
+    table_of(MEASURED).write(path)
+    assert rows_of(read_observations(path)) == [MEASURED]
+
+
+def test_columns_may_come_in_any_order(written):
+    path = written()
+    frame = pl.read_csv(path)
+    frame.select(reversed(frame.columns)).write_csv(path)
+    assert rows_of(read_observations(path)) == [MEASURED, UNMEASURED]
+
+
+# -- tables made elsewhere ----------------------------------------------------------------------
+
+
+@suffixes
+def test_columns_after_the_radius_may_be_left_out(tmp_path, suffix):
+    frame = table_of(MEASURED).frame.drop(OPTIONAL)
+    path = tmp_path / f"table{suffix}"
+    if suffix == ".csv":
+        frame.write_csv(path)
+    else:
+        frame.write_parquet(path)
+    (row,) = rows_of(read_observations(path))
+    assert (row.visibility, row.emulated) == ("visible", False)
+    assert np.isnan(row.incidence_deg)
+    filled = ("n_points", "n_pixels", "i_std", "i_median", "i_p05", "i_p95", "clipped_share")
+    assert {getattr(row, name) for name in filled} == {None}
+    assert row == replace(MEASURED, **{name: getattr(row, name) for name in OPTIONAL})
+
+
+def test_a_table_filled_in_so_can_be_written_and_read_again(written):
+    path = written()
+    pl.read_csv(path).head(1).drop(OPTIONAL).write_csv(path)
+    table = read_observations(path)
+    table.write(path)
+    assert table.frame.equals(read_observations(path).frame)
+
+
+def test_whole_numbers_are_taken_where_decimals_are_expected(written):
+    assert read_observations(written(x_mm=[3, 4])).array(["x_mm"])[:, 0].tolist() == [3.0, 4.0]
+
+
+# -- refused: files -----------------------------------------------------------------------------
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(MissingFileError, match=r"nothing\.csv: no such observation table"):
+        read_observations(tmp_path / "nothing.csv")
+
+
+@pytest.mark.parametrize("name", ["table.xlsx", "table"])
+def test_another_suffix(tmp_path, name):
+    path = tmp_path / name
+    message = r"ends in \.csv or \.parquet, got '(\.xlsx)?'"
+    with pytest.raises(FormatError, match=message):
+        table_of(MEASURED).write(path)
+    assert not path.exists()
+    path.write_bytes(b"anything")
+    with pytest.raises(FormatError, match=message):
+        read_observations(path)
+
+
+@suffixes
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n\x00\xff\xfe", b"feature\n\xff\xff\n"])
+def test_a_file_that_is_something_else(tmp_path, suffix, content):
+    path = tmp_path / f"table{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=f"table{suffix}: (not a readable|wrong header)"):
+        read_observations(path)
+
+
+def test_a_parquet_file_cut_short(tmp_path):
+    path = tmp_path / "table.parquet"
+    table_of(MEASURED).write(path)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(FormatError, match="not a readable observation table"):
+        read_observations(path)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(FileError, match="does not exist; make it first"):
+        table_of(MEASURED).write(tmp_path / "nowhere" / "table.csv")
+
+
+# -- refused: header ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("x_mm", "x_m"),
+        ("exposure_ms", "exposure_s"),
+        ("exposure_ms", "exposure"),
+        ("w_deg", "w_rad"),
+        ("radius_mm", "radius_inch"),
+    ],
+)
+def test_another_unit_in_the_header(written, right, wrong):
+    path = written()
+    pl.read_csv(path).rename({right: wrong}).write_csv(path)
+    with pytest.raises(
+        FormatError,
+        match=f"column '{wrong}' has another unit or none: expected '{right}'; convert",
+    ):
+        read_observations(path)
+
+
+def test_a_missing_column_is_named(written):
+    path = written()
+    pl.read_csv(path).drop("i_avg").write_csv(path)
+    with pytest.raises(FormatError, match=r"missing \['i_avg'\], unknown none; expected feature, "):
+        read_observations(path)
+
+
+def test_an_unknown_column_is_named(written):
+    with pytest.raises(FormatError, match=r"missing none, unknown \['comment'\]"):
+        read_observations(written(comment=["a", "b"]))
+
+
+def test_semicolons_between_cells(written):
+    path = written()
+    path.write_text(path.read_text().replace(",", ";"))
+    with pytest.raises(FormatError, match="wrong header"):
+        read_observations(path)
+
+
+# -- refused: values ----------------------------------------------------------------------------
+
+
+def test_text_in_a_column_of_numbers(written):
+    with pytest.raises(FormatError, match=r"values of the wrong type.*x_mm.*left"):
+        read_observations(written(x_mm=["1.0", "left"]))
+
+
+@pytest.mark.parametrize("name", ["n_points", "n_pixels"])
+def test_a_fraction_in_a_column_of_whole_numbers(written, name):
+    with pytest.raises(ObservationError, match=f"'{name}' needs whole numbers; row 2 .* has 3.5"):
+        read_observations(written(**{name: [3.0, 3.5]}))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg", "radius_mm"],
+)
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (None, r"a value in every row; row 2 after the header is empty \(1 of 2 rows"),
+        (np.nan, "finite numbers; row 2 after the header has nan"),
+        (np.inf, "finite numbers; row 2 after the header has inf"),
+    ],
+)
+def test_a_pose_or_exposure_that_is_no_number(written, name, value, message):
+    with pytest.raises(ObservationError, match=f"column '{name}' needs {message}"):
+        read_observations(written(**{name: [1.0, value]}))
+
+
+@pytest.mark.parametrize("name", ["feature", "view", "visibility", "emulated"])
+def test_a_row_without_a_name(written, name):
+    value = True if name == "emulated" else "visible"
+    with pytest.raises(ObservationError, match=f"'{name}' needs a value in every row; row 1"):
+        read_observations(written(**{name: [None, value]}))
+
+
+@pytest.mark.parametrize("value", [-0.01, 87.5, np.nan])
+def test_p_norm_out_of_its_range(written, value):
+    with pytest.raises(ObservationError, match=f"column 'p_norm' needs .*; row 1 .* has {value}"):
+        read_observations(written(p_norm=[value, None]))
+
+
+def test_p_norm_in_percent_is_told_what_to_do(written):
+    with pytest.raises(ObservationError, match=r"a share, 0–1, .*\(divide percent by 100\)"):
+        read_observations(written(p_norm=[87.5, 92.0]))
+
+
+@pytest.mark.parametrize("name", ["i_avg", "i_median", "i_p05", "i_p95"])
+@pytest.mark.parametrize("value", [-1.0, 255.1, 4095.0])
+def test_grey_values_out_of_their_range(written, name, value):
+    with pytest.raises(ObservationError, match=f"'{name}' needs grey levels 0–255; row 1"):
+        read_observations(written(**{name: [value, None]}))
+
+
+def test_quality_without_brightness(written):
+    with pytest.raises(ObservationError, match="'i_avg' needs a value in every row that has a p"):
+        read_observations(written(i_avg=[None, 12.0]))
+
+
+@pytest.mark.parametrize("value", [0.0, -5.0])
+def test_an_exposure_time_that_is_not_positive(written, value):
+    with pytest.raises(ObservationError, match="'exposure_ms' needs values above 0; row 2"):
+        read_observations(written(exposure_ms=[10.0, value]))
+
+
+def test_a_negative_radius(written):
+    with pytest.raises(ObservationError, match="'radius_mm' needs values of at least 0; row 1"):
+        read_observations(written(radius_mm=[-3.0, 5.0]))
+
+
+def test_an_unknown_visibility(written):
+    with pytest.raises(ObservationError, match=r"'visibility' needs one of 'visible', .* has seen"):
+        read_observations(written(visibility=["visible", "seen"]))
+
+
+def test_a_frame_of_other_columns():
+    with pytest.raises(ObservationError, match=r"must have the columns feature, .* got feature$"):
+        ObservationTable(frame=pl.DataFrame({"feature": ["f1"]}))
+
+
+# -- selecting ----------------------------------------------------------------------------------
+
+
+def test_measured_rows_are_the_visible_ones_with_a_quality():
+    unknown = replace(MEASURED, feature="f3", p_norm=None)
+    table = table_of(MEASURED, UNMEASURED, unknown).measured()
+    assert rows_of(table) == [MEASURED]
+
+
+def test_quality_is_selected_with_its_limit_included():
+    qualities = (0.74, 0.75, 1.0)
+    table = table_of(UNMEASURED, *(replace(MEASURED, p_norm=p) for p in qualities))
+    assert table.with_quality(0.75).array(["p_norm"])[:, 0].tolist() == [0.75, 1.0]
+
+
+def test_where_selects_rows_by_a_mask():
+    table = table_of(MEASURED, UNMEASURED).where(np.array([False, True]))
+    assert rows_of(table) == [UNMEASURED]
+
+
+def test_array_has_columns_as_asked_and_nan_where_there_is_no_value():
+    array = table_of(MEASURED, UNMEASURED).array(["z_mm", "i_avg", "n_points"])
+    np.testing.assert_array_equal(array, [[30.0, 120.5, 90.0], [30.0, np.nan, np.nan]])
+
+
+@pytest.mark.parametrize("column", ["feature", "brightness", "emulated"])
+def test_array_of_something_else_than_numbers(column):
+    with pytest.raises(ObservationError, match=f"no numeric column '{column}'"):
+        table_of(MEASURED).array([column])
+
+
+def test_counts_tell_each_visibility_the_commonest_first():
+    table = table_of(UNMEASURED, MEASURED, MEASURED)
+    assert list(table.counts().items()) == [
+        (Visibility.VISIBLE.value, 2),
+        (Visibility.FACING_AWAY.value, 1),
+    ]
