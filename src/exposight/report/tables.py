@@ -1,0 +1,285 @@
+"""The numbers in full: decoding, scores of all models, their hyperparameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from exposight.gp import Quantity
+from exposight.models import UNITS
+from exposight.report.markup import Heading, escape, exact, model_name, number, table
+from exposight.report.selection import model_results
+
+if TYPE_CHECKING:
+    from exposight.demo import DemoResult, ModelResult
+    from exposight.evaluation import RegressionScore
+    from exposight.gp import Parameter
+    from exposight.models import ModelSpecification
+
+__all__ = ["decoding_table", "hyperparameter_table", "score_tables"]
+
+_NOISE = "noise_variance"
+_INPUTS = {
+    "i_avg": "i<sub>avg</sub>",
+    "x_mm": "x",
+    "y_mm": "y",
+    "z_mm": "z",
+    "w_deg": "w",
+    "p_deg": "p",
+}
+_SHORT_UNITS = {"i_avg": "grey levels", "p_norm": ""}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Target:
+    """How scores of a target are shown."""
+
+    title: str
+    rmse_unit: str
+    rmse_factor: float
+    mse_unit: str
+
+
+_TARGETS = {
+    "p_norm": _Target(
+        title="Quality models (<i>p</i><sub>norm</sub>)",
+        rmse_unit="%",
+        rmse_factor=100.0,
+        mse_unit="1",
+    ),
+    "exposure_ms": _Target(
+        title="Exposure-time models", rmse_unit="ms", rmse_factor=1.0, mse_unit="ms²"
+    ),
+}
+
+
+def decoding_table(result: DemoResult) -> str:
+    """Return the table of decoded pixels and of the agreement with the authors' cloud."""
+    headings = (
+        Heading(text="sequence", is_text=True),
+        *(
+            Heading(text=text, group="pixels")
+            for text in ("decoded", "low modulation", "clipped", "ambiguous", "all")
+        ),
+        *(
+            Heading(text=text, group="distance to the authors’ cloud")
+            for text in ("common points", "median, mm", "90 %, mm")
+        ),
+        Heading(text="time, s"),
+    )
+    rows = []
+    for check in result.checks:
+        counts, agreement = check.counts, check.agreement
+        pixels = (
+            counts.decoded, counts.low_modulation, counts.clipped, counts.ambiguous, counts.pixels,
+        )  # fmt: skip
+        rows.append(
+            [
+                escape(check.title),
+                *(_count(own) for own in pixels),
+                _count(agreement.common_points),
+                exact(agreement.median_mm, number(agreement.median_mm)),
+                exact(agreement.p90_mm, number(agreement.p90_mm)),
+                exact(check.seconds, number(check.seconds, 2)),
+            ]
+        )
+    caption = (
+        "<b>Decoding.</b> A pixel may carry several flags; most pixels with low modulation are "
+        "the unlit background. Both sequences are held against the cloud that the recording’s "
+        "authors made of the Gray code; 90 % is the 90th percentile. Time is from frames to cloud."
+    )
+    return table(headings, rows, name="decoding", caption=caption)
+
+
+def score_tables(result: DemoResult) -> str:
+    """Return the tables of scores: for each target, unseen features first, then known ones."""
+    return "".join(
+        _unseen_table(target, style, results) + _known_table(target, style, results)
+        for target, style in _TARGETS.items()
+        if (results := model_results(result, target))
+    )
+
+
+def hyperparameter_table(result: DemoResult) -> str:
+    """Return the table of what every fit found."""
+    headings = (
+        Heading(text="model"),
+        Heading(text="hyperparameters", is_text=True),
+        Heading(text="log marginal likelihood"),
+        Heading(text="starts"),
+        Heading(text="evaluations"),
+        Heading(text="converged", is_text=True),
+        Heading(text="training, s"),
+    )
+    rows = [
+        [
+            _name(own.model.specification),
+            _hyperparameters(own),
+            exact(own.model.summary.log_marginal_likelihood),
+            _count(own.model.summary.starts),
+            _count(own.model.summary.evaluations),
+            "yes" if own.model.summary.converged else "no",
+            exact(own.seconds, number(own.seconds, 2)),
+        ]
+        for own in result.results
+    ]
+    caption = (
+        "<b>Hyperparameters.</b> σ² is a kernel’s variance, ℓ a length scale, α the exponent of "
+        "the rational quadratic, σ²<sub>n</sub> the noise variance. † ended at the limit that the "
+        "optimiser was given, which is to be expected where an input does not matter (its length "
+        "scale grows, or its variance shrinks, as far as allowed) and where observations are "
+        "nearly free of noise, as emulated ones are (the noise variance shrinks)."
+    )
+    return table(headings, rows, name="hyperparameters", caption=caption)
+
+
+def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...]) -> str:
+    headings = (
+        Heading(text="model"),
+        Heading(text="form", is_text=True),
+        Heading(text="inputs", is_text=True),
+        Heading(text="<i>n</i> train"),
+        *_score_headings(style, "unseen features"),
+        Heading(text="<i>n</i>", group="inside the training range"),
+        Heading(text="R², %", group="inside the training range"),
+        Heading(text=f"RMSE, {style.rmse_unit}", group="inside the training range"),
+    )
+    rows = []
+    for own in results:
+        specification, inside = own.model.specification, own.unseen.score_inside
+        rows.append(
+            [
+                _name(specification),
+                escape(_form(specification)),
+                ", ".join(_input(name) for name in specification.inputs),
+                _count(len(own.model.process.y)),
+                *_score_cells(style, own.unseen.score),
+                *(_inside_cells(style, inside) if inside else ("0", "–", "–")),
+            ]
+        )
+    caption = (
+        f"<b>{style.title} on features they never saw.</b> Named as in the paper; 2σ is the share "
+        "of observations within two predicted standard deviations, 95.4 % if these are right."
+    )
+    return table(headings, rows, name=f"unseen-{target}", caption=caption)
+
+
+def _known_table(target: str, style: _Target, results: tuple[ModelResult, ...]) -> str:
+    headings = (Heading(text="model"), *_score_headings(style, "features that trained"))
+    rows = [
+        [_name(own.model.specification), *_score_cells(style, own.known.score)] for own in results
+    ]
+    caption = (
+        f"<b>{style.title} on the observations that trained them.</b> A Gaussian process can pass "
+        "through its training data; only unseen features tell how good it is."
+    )
+    return table(headings, rows, name=f"known-{target}", caption=caption)
+
+
+def _name(specification: ModelSpecification) -> str:
+    """Return a model's name as the paper prints it, and as files and commands write it."""
+    return f"{model_name(specification.name)} <code>{escape(specification.name)}</code>"
+
+
+def _form(specification: ModelSpecification) -> str:
+    """Return a model's title without its target, which the table's caption names."""
+    return specification.title.partition(", ")[2] or specification.title
+
+
+def _score_headings(style: _Target, group: str) -> tuple[Heading, ...]:
+    texts = (
+        "<i>n</i>", "R², %", f"MSE, {style.mse_unit}", f"RMSE, {style.rmse_unit}",
+        f"MAE, {style.rmse_unit}", "2σ, %",
+    )  # fmt: skip
+    return tuple(Heading(text=text, group=group) for text in texts)
+
+
+def _score_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
+    coverage = score.coverage_2sigma
+    return (
+        _count(score.n),
+        _percent(score.r2_percent),
+        exact(score.mse, number(score.mse)),
+        exact(score.rmse, number(style.rmse_factor * score.rmse)),
+        exact(score.mae, number(style.rmse_factor * score.mae)),
+        exact(coverage, None if coverage is None else f"{100 * coverage:.1f}"),
+    )
+
+
+def _inside_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
+    return (
+        _count(score.n),
+        _percent(score.r2_percent),
+        exact(score.rmse, number(style.rmse_factor * score.rmse)),
+    )
+
+
+def _hyperparameters(result: ModelResult) -> str:
+    model = result.model
+    at_bound = model.summary.parameters_at_bound
+    items = [
+        _hyperparameter(
+            _symbol(own, model.specification),
+            own.value,
+            _unit(own, model.specification),
+            " <b>†</b>" if own.name in at_bound else "",
+        )
+        for own in model.process.kernel.free_parameters
+    ]
+    noise_unit = _squared(model.specification.target)
+    note = " <b>†</b>" if _NOISE in at_bound else ""
+    items.append(_hyperparameter("σ²<sub>n</sub>", model.process.noise_variance, noise_unit, note))
+    return " ".join(items)
+
+
+def _hyperparameter(symbol: str, value: float, unit: str, note: str) -> str:
+    after = f" {unit}" if unit else ""
+    return f'<span class="item">{symbol} = {exact(value, number(value))}{after}{note}</span>'
+
+
+def _symbol(parameter: Parameter, specification: ModelSpecification) -> str:
+    inputs = ", ".join(_input(specification.inputs[column]) for column in parameter.dims)
+    match parameter.quantity:
+        case Quantity.VARIANCE:
+            return "σ²"
+        case Quantity.LENGTH_SCALE:
+            return f"ℓ({inputs})"
+        case Quantity.ALPHA:
+            return "α"
+        case Quantity.SLOPE_VARIANCE:
+            return f"σ²({inputs})"
+
+
+def _unit(parameter: Parameter, specification: ModelSpecification) -> str:
+    target = _squared(specification.target)
+    units = {_short_unit(specification.inputs[column]) for column in parameter.dims}
+    match parameter.quantity:
+        case Quantity.VARIANCE:
+            return target
+        case Quantity.ALPHA:
+            return ""
+        case Quantity.LENGTH_SCALE:
+            return units.pop() if len(units) == 1 else "in mixed units"
+        case Quantity.SLOPE_VARIANCE:
+            return f"{target or '1'} / ({units.pop()})²"
+
+
+def _squared(target: str) -> str:
+    unit = _short_unit(target)
+    return f"{unit}²" if unit else ""
+
+
+def _short_unit(name: str) -> str:
+    return _SHORT_UNITS.get(name, UNITS[name])
+
+
+def _input(name: str) -> str:
+    return f"<i>{_INPUTS[name]}</i>" if name in _INPUTS else escape(name)
+
+
+def _count(value: int) -> str:
+    return exact(value, f"{value:,}".replace(",", " "))
+
+
+def _percent(value: float) -> str:
+    return exact(value, f"{value:.2f}".replace("-", "−"))
