@@ -252,9 +252,13 @@ def _train_all(
     workers = min(settings.workers, len(jobs))
     with ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
         futures = [pool.submit(_train_one, *job) for job in jobs]
-        for done, _ in enumerate(as_completed(futures), start=1):
-            tell("training models", done, len(jobs))
-        return tuple(future.result() for future in futures)
+        try:
+            for done, _ in enumerate(as_completed(futures), start=1):
+                tell("training models", done, len(jobs))
+            return tuple(future.result() for future in futures)
+        except BaseException:  # an interrupt too: do not begin what is still waiting
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _train_one(

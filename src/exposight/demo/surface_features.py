@@ -7,6 +7,7 @@ is a plane fitted to the decoded points, and the ring about the centre is measur
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Cloud, Feature, Part, 
 from exposight.errors import CloudError
 from exposight.geometry import RigidTransform, rotation_facing
 from exposight.observing import Visibility, point_search, view_features
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _MIN_POINTS = 50
 """Fewer points make no plane worth the name."""
@@ -33,6 +37,8 @@ class PlacementRules:
         How steeply the camera may see it.
     p_norm : (float, float)
         The ring's p_norm in the cloud it is placed on: the surface must be there all round.
+    min_distance_mm : float, mm
+        Between the centres of two features: nearer ones would be near copies of each other.
     tolerance : RingTolerance
         Of the ring.
     """
@@ -41,6 +47,7 @@ class PlacementRules:
     max_rms_mm: float = 1.0
     max_incidence_deg: float = 50.0
     p_norm: tuple[float, float] = (0.9, 1.1)
+    min_distance_mm: float = 3.0
     tolerance: RingTolerance = PAPER_TOLERANCE
 
 
@@ -82,6 +89,8 @@ def place_features(
     features: list[Feature] = []
     search = point_search(cloud, sensor.camera)
     for row, column in rng.permutation(np.argwhere(cloud.valid)):
+        if _crowded(cloud.points[row, column], features, rules.min_distance_mm):
+            continue
         feature = Feature(
             name=f"s{len(features) + 1:03d}",
             kind="hole",
@@ -108,6 +117,11 @@ def place_features(
         "fewer, or loosen the placement rules"
     )
     raise CloudError(msg)
+
+
+def _crowded(point: NDArray[np.float32], features: list[Feature], min_distance_mm: float) -> bool:
+    centres = [feature.part_from_feature.translation_mm for feature in features]
+    return any(np.linalg.norm(point - centre) < min_distance_mm for centre in centres)
 
 
 def _fit_pose(

@@ -264,7 +264,7 @@ def read_projector_camera(
     keys = keys or _recognise(file)
     if projector_size is None:
         if keys.projector_size is None:
-            msg = f"{file.path}: the projector's size is not in the file; give it (width, height)"
+            msg = f"{file.path}: the projector's size is not in the file; give its width and height"
             raise FormatError(msg)
         projector_size = _size(file, keys.projector_size)
     camera_size = _size(file, keys.camera_size)

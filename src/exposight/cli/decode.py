@@ -1,0 +1,196 @@
+"""``exposight decode``: frames to an organised cloud."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import cv2
+import numpy as np
+import typer
+
+from exposight.cell import CLOUD_SUFFIXES, write_cloud
+from exposight.cli.arguments import sequence_from
+from exposight.cli.output import (
+    JsonOption,
+    count,
+    number,
+    percent,
+    print_facts,
+    print_json,
+    print_line,
+    print_table,
+)
+from exposight.durable import write_durably
+from exposight.geometry import read_projector_camera
+from exposight.imaging import (
+    SEQUENCE_PRESETS,
+    DecodingLimits,
+    decode,
+    read_recording,
+    triangulate,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.imaging import DecodedMap
+
+_MEANINGS = {
+    "decoded": "every coded axis was read",
+    "low_modulation": "unlit, or too dark",
+    "clipped": "a sample at full scale",
+    "ambiguous": "bits or phases disagree",
+    "outside": "no place on the projector",
+}
+
+
+_Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recorded frames.")]
+_Calibration = Annotated[
+    Path,
+    typer.Option(
+        "--calibration",
+        "-c",
+        metavar="FILE",
+        help="Camera, projector and the pose between them: OpenCV YAML or XML, named as by "
+        "SLStudio or procam-calibration.",
+    ),
+]
+_Sequence = Annotated[
+    str,
+    typer.Option(
+        "--sequence",
+        "-s",
+        metavar="NAME|FILE",
+        help=f"What each frame shows: {', '.join(SEQUENCE_PRESETS)}, or a TOML file.",
+    ),
+]
+_Output = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help=f"Where to write the cloud: {' '.join(CLOUD_SUFFIXES)}.",
+    ),
+]
+_ProjectorSize = Annotated[
+    tuple[int, int] | None,
+    typer.Option(metavar="W H", help="Projector's width and height, px, where FILE has none."),
+]
+_DepthLimits = Annotated[
+    tuple[float, float],
+    typer.Option(
+        "--depth-limits", metavar="NEAR FAR", help="Leave out nearer and farther points, mm."
+    ),
+]
+_MinModulation = Annotated[
+    float,
+    typer.Option(metavar="GREY", help="Least amplitude of the patterns, grey levels 0 to 255."),
+]
+_MIN_MODULATION = DecodingLimits().min_modulation
+_Preview = Annotated[
+    Path | None,
+    typer.Option(metavar="PNG", help="Picture of the decoded coordinate and the modulation."),
+]
+
+
+def decode_command(
+    folder: _Folder,
+    calibration: _Calibration,
+    sequence: _Sequence,
+    output: _Output = None,
+    projector_size: _ProjectorSize = None,
+    depth_limits_mm: _DepthLimits = (0.0, np.inf),
+    min_modulation: _MinModulation = _MIN_MODULATION,
+    preview: _Preview = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Decode recorded stripe frames to an organised point cloud.
+
+    Each camera pixel is told its projector column (and row, where coded) by
+    Gray code or phase shift, and its ray is met with that column. The cloud is
+    in mm in the camera's frame and keeps the image's rows and columns.
+
+    For example:
+
+      exposight decode scan1/ -c calibration.xml -s skull_2x3 -o cloud.ply
+    """
+    if preview is not None and preview.suffix.lower() != ".png":
+        msg = f"--preview writes PNG; got the name {preview.name}"
+        raise typer.BadParameter(msg)
+    patterns = sequence_from(sequence)
+    rig = read_projector_camera(calibration, projector_size=projector_size)
+    start = time.perf_counter()
+    stack = read_recording(folder, patterns)
+    decoded = decode(stack, patterns, DecodingLimits(min_modulation=min_modulation))
+    if preview is not None:
+        _write_preview(preview, decoded)  # first: it helps to see why there are no points
+    cloud = triangulate(
+        decoded,
+        camera=rig.camera,
+        projector=rig.projector,
+        projector_from_camera=rig.projector_from_camera,
+        depth_limits_mm=depth_limits_mm,
+    )
+    depth_mm = cloud.require_points()[:, 2].astype(np.float64)
+    seconds = time.perf_counter() - start
+    if output is not None:
+        write_cloud(output, cloud)
+    counts = asdict(decoded.counts())
+    rows, columns = decoded.image_shape
+    near, middle, far = np.percentile(depth_mm, [0, 50, 100]).tolist()
+    if as_json:
+        print_json(
+            {
+                "folder": folder,
+                "sequence": patterns.name,
+                "frames": stack.n_frames,
+                "rows": rows,
+                "columns": columns,
+                "counts": counts,
+                "points": cloud.n_valid,
+                "depth_mm": {"min": near, "median": middle, "max": far},
+                "seconds": seconds,
+                "cloud": output,
+                "preview": preview,
+            }
+        )
+        return
+    print_facts(
+        f"{folder}: {patterns.name}",
+        [
+            ("frames", f"{stack.n_frames} of {columns} × {rows} px, {stack.bit_depth} bits"),
+            ("points", f"{count(cloud.n_valid)} in {seconds:.2f} s"),
+            ("depth", f"{number(near)} to {number(far)} mm, median {number(middle)} mm"),
+        ],
+    )
+    pixels = counts.pop("pixels")
+    print_line("")
+    print_table(
+        ("pixels that are", "count", "share %", "meaning"),
+        (
+            (name.replace("_", " "), count(found), percent(found / pixels), _MEANINGS[name])
+            for name, found in counts.items()
+        ),
+        words=("meaning",),
+    )
+    for what, path in (("cloud", output), ("preview", preview)):
+        if path is not None:
+            print_line(f"wrote the {what}: {path}")
+
+
+def _write_preview(path: Path, decoded: DecodedMap) -> None:
+    """Write coordinate and modulation side by side as a PNG."""
+    axes = ((decoded.column, decoded.projector_width), (decoded.row, decoded.projector_height))
+    share = next(coordinate / size for coordinate, size in axes if coordinate is not None)
+    grey: NDArray[np.uint8] = (255.0 * np.nan_to_num(share)).clip(0, 255).astype(np.uint8)
+    coloured = cv2.applyColorMap(grey, cv2.COLORMAP_TURBO)
+    coloured[~decoded.valid] = 0
+    strongest = max(float(decoded.modulation.max()), 1.0)
+    modulation = (255.0 * decoded.modulation / strongest).astype(np.uint8)
+    picture = np.hstack([coloured, cv2.cvtColor(modulation, cv2.COLOR_GRAY2BGR)])
+    _, png = cv2.imencode(".png", picture)
+    write_durably(path, png.tobytes())

@@ -1,0 +1,304 @@
+"""``exposight predict``: quality or exposure time for poses, one by one or as a table."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import polars as pl
+import typer
+
+from exposight.cli.facts import short_unit
+from exposight.cli.output import (
+    JsonOption,
+    count,
+    note,
+    number,
+    print_facts,
+    print_json,
+    print_line,
+    print_table,
+)
+from exposight.durable import write_durably
+from exposight.errors import FormatError, InputError
+from exposight.models import I_AVG_MAX, UNITS, load_model
+from exposight.observing import read_observations
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.models import ModelPrediction, TrainedModel
+    from exposight.observing import ObservationTable
+
+_SHOWN_ROWS = 20
+
+
+def _input(text: str) -> Any:
+    return typer.Option(metavar="NUMBER", help=text, rich_help_panel="Or one feature")
+
+
+_Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train wrote.")]
+_Observations = Annotated[
+    Path | None,
+    typer.Argument(metavar="OBSERVATIONS", help="Table with the model's inputs, .csv or .parquet."),
+]
+_IAvg = Annotated[float | None, _input("Mean grey value of the ring, 0 to 255.")]
+_X = Annotated[float | None, _input("Position in the TCP frame, mm.")]
+_Y = Annotated[float | None, _input("Position in the TCP frame, mm.")]
+_Z = Annotated[float | None, _input("Position in the TCP frame, mm; negative is nearer.")]
+_W = Annotated[float | None, _input("Orientation about x, degrees.")]
+_P = Annotated[float | None, _input("Orientation about y, degrees.")]
+_Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="CSV", help="Write all predictions of a table here."),
+]
+
+
+def predict_command(
+    model_file: _Model,
+    observations: _Observations = None,
+    output: _Output = None,
+    as_json: JsonOption = False,
+    i_avg: _IAvg = None,
+    x_mm: _X = None,
+    y_mm: _Y = None,
+    z_mm: _Z = None,
+    w_deg: _W = None,
+    p_deg: _P = None,
+) -> None:
+    r"""Predict quality or exposure time, and say how far to believe it.
+
+    Mean and twice the standard deviation of a new observation, and whether the
+    inputs lie in the range of the training data. A q_ model predicts p_norm; an
+    e_ model the exposure time in ms that yields the brightness i_avg.
+
+    For example:
+
+      exposight predict models/e_k6.exposight-model --i-avg 90 --x-mm 10 \
+        --y-mm -20 --z-mm 5 --w-deg 0 --p-deg -8
+
+      exposight predict models/q_k4.exposight-model planned.csv -o quality.csv
+    """
+    given = {
+        "i_avg": i_avg,
+        "x_mm": x_mm,
+        "y_mm": y_mm,
+        "z_mm": z_mm,
+        "w_deg": w_deg,
+        "p_deg": p_deg,
+    }
+    inputs = {name: value for name, value in given.items() if value is not None}
+    if (observations is None) == (not inputs):
+        msg = "give a table of observations, or the inputs of one feature (--i-avg 90 …)"
+        raise typer.BadParameter(msg)
+    if observations is None and output is not None:
+        msg = "--output is for the predictions of a table"
+        raise typer.BadParameter(msg)
+    model = load_model(model_file)
+    if observations is None:
+        _predict_one(model, inputs, as_json=as_json)
+    else:
+        _predict_table(model, read_observations(observations), output, as_json=as_json)
+
+
+# -- one feature --------------------------------------------------------------------------------
+
+
+def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool) -> None:
+    specification = model.specification
+    missing = [name for name in specification.inputs if name not in inputs]
+    if missing:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
+        msg = (
+            f"{specification.name} reads {', '.join(specification.inputs)}; "
+            f"give the missing {options} too"
+        )
+        raise InputError(msg)
+    grey = inputs.get("i_avg", 0.0)
+    if not 0 <= grey <= I_AVG_MAX:
+        msg = f"--i-avg is a mean grey value from 0 to {I_AVG_MAX:g}, got {grey:g}"
+        raise InputError(msg)
+    ignored = [name for name in inputs if name not in specification.inputs]
+    x = np.array([[inputs[name] for name in specification.inputs]])
+    prediction = model.predict(x)
+    mean, std = float(prediction.mean[0]), float(prediction.std[0])
+    outside = _outside(model, x)[0]
+    if as_json:
+        print_json(
+            {
+                "model": specification.name,
+                "target": specification.target,
+                "unit": UNITS[specification.target],
+                "mean": mean,
+                "std": std,
+                "inside_training_range": bool(prediction.inside[0]),
+                "outside": outside,
+                "training_range": model.training_range(),
+                "ignored_inputs": ignored,
+                **_exposure_document(model, mean),
+            }
+        )
+        return
+    name: str = specification.target
+    facts = [(name, f"{number(mean)} ± {number(2 * std, 3)} {short_unit(name)}".rstrip() + " (2σ)")]
+    ranges = model.training_range()
+    for name in specification.inputs:
+        low, high = ranges[name]
+        verdict = "OUTSIDE" if name in outside else "inside"
+        facts.append(
+            (name, f"{number(inputs[name])}, {verdict} {number(low)} … {number(high)} of training")
+        )
+    facts += _sensor_facts(model, mean)
+    print_facts(f"{specification.name}: {specification.title}", facts)
+    if outside:
+        note(f"{', '.join(outside)} outside the training data: the model extrapolates")
+    if ignored:
+        note(f"{specification.name} does not read {', '.join(ignored)}")
+
+
+def _exposure_document(model: TrainedModel, mean: float) -> dict[str, object]:
+    """Return what the sensor makes of a predicted exposure time."""
+    if model.specification.target != "exposure_ms":
+        return {}
+    sensor = model.sensor
+    if sensor is None:
+        return {"sensor_range_ms": None, "in_sensor_range": None, "nearest_setting_ms": None}
+    inside = sensor.exposure_min_ms <= mean <= sensor.exposure_max_ms
+    return {
+        "sensor_range_ms": [sensor.exposure_min_ms, sensor.exposure_max_ms],
+        "in_sensor_range": inside,
+        "nearest_setting_ms": sensor.nearest_exposure(mean) if inside else None,
+    }
+
+
+def _sensor_facts(model: TrainedModel, mean: float) -> list[tuple[str, str]]:
+    """Say what the sensor makes of a predicted exposure time."""
+    if model.specification.target != "exposure_ms":
+        return []
+    sensor = model.sensor
+    if sensor is None:
+        return [("sensor", "the model names none; train with --sensor to check its range")]
+    low, high = sensor.exposure_min_ms, sensor.exposure_max_ms
+    span = f"{low:g} … {high:g} ms of {sensor.name}"
+    if not low <= mean <= high:
+        return [("sensor", f"OUTSIDE {span}: it cannot take this exposure")]
+    return [("sensor", f"inside {span}"), ("setting", f"{sensor.nearest_exposure(mean):g} ms")]
+
+
+def _outside(model: TrainedModel, x: NDArray[np.float64]) -> list[list[str]]:
+    """Return, for each of (n, d) inputs, the names of those outside the training range."""
+    ranges = np.array(list(model.training_range().values()))
+    beyond = (x < ranges[:, 0]) | (x > ranges[:, 1])
+    names = np.array(model.specification.inputs, dtype=object)
+    return [names[row].tolist() for row in beyond]
+
+
+# -- a table ------------------------------------------------------------------------------------
+
+
+def _predict_table(
+    model: TrainedModel, table: ObservationTable, output: Path | None, *, as_json: bool
+) -> None:
+    x = table.array(model.specification.inputs)
+    complete: NDArray[np.bool_] = np.asarray(np.isfinite(x).all(axis=1))
+    if not complete.any():
+        msg = (
+            f"no row has all inputs of {model.specification.name}: "
+            f"{', '.join(model.specification.inputs)}"
+        )
+        raise InputError(msg)
+    prediction = model.predict(x[complete])
+    frame = _frame(model, table.where(complete), x[complete], prediction)
+    if output is not None:
+        _write(output, frame)
+    left_out = int(np.count_nonzero(~complete))
+    inside = int(np.count_nonzero(prediction.inside))
+    if as_json:
+        print_json(
+            {
+                "model": model.specification.name,
+                "target": model.specification.target,
+                "unit": UNITS[model.specification.target],
+                "rows": len(table),
+                "without_inputs": left_out,
+                "inside_training_range": inside,
+                "predictions": frame.to_dicts(),
+                "output": output,
+            }
+        )
+        return
+    specification = model.specification
+    print_facts(
+        f"{specification.name}: {specification.title}",
+        [
+            ("predicted", f"{count(frame.height)} of {count(len(table))} rows"),
+            ("inside", f"{count(inside)} in the range of the training data"),
+        ],
+    )
+    if left_out:
+        note(f"{count(left_out)} rows lack an input (features that were not measured)")
+    if "in_sensor_range" in frame.columns:
+        beyond = int((~frame["in_sensor_range"].fill_null(value=True)).sum())
+        if beyond:
+            note(f"{count(beyond)} exposure times are outside the sensor's range")
+    if output is not None:
+        print_line(f"wrote the predictions: {output}")
+    else:
+        _print_rows(model, frame)
+
+
+def _frame(
+    model: TrainedModel,
+    table: ObservationTable,
+    x: NDArray[np.float64],
+    prediction: ModelPrediction,
+) -> pl.DataFrame:
+    """Return what was asked and what is predicted, a row each."""
+    target = model.specification.target
+    inputs = model.specification.inputs
+    frame = table.frame.select("feature", "view", "exposure_ms", *inputs, "p_norm").with_columns(
+        pl.Series(f"predicted_{target}", prediction.mean),
+        pl.Series(f"predicted_{target}_std", prediction.std),
+        pl.Series("inside_training_range", prediction.inside),
+        pl.Series("outside", [" ".join(names) for names in _outside(model, x)]),
+    )
+    if target == "exposure_ms" and model.sensor is not None:
+        low, high = model.sensor.exposure_min_ms, model.sensor.exposure_max_ms
+        in_range = pl.col(f"predicted_{target}").is_between(low, high)
+        frame = frame.with_columns(in_range.alias("in_sensor_range"))
+    return frame
+
+
+def _write(path: Path, frame: pl.DataFrame) -> None:
+    if path.suffix.lower() != ".csv":
+        msg = f"{path}: predictions are written as .csv, got '{path.suffix}'"
+        raise FormatError(msg)
+    buffer = io.BytesIO()
+    frame.write_csv(buffer)
+    write_durably(path, buffer.getvalue())
+
+
+def _print_rows(model: TrainedModel, frame: pl.DataFrame) -> None:
+    target = model.specification.target
+    unit = f"\n{short_unit(target)}"
+    print_line("")
+    print_table(
+        ("feature", "view", "exposure\nms", "p_norm", f"predicted{unit}", f"± 2σ{unit}", "outside"),
+        (
+            (
+                row["feature"],
+                row["view"],
+                number(row["exposure_ms"]),
+                number(row["p_norm"], 3),
+                number(row[f"predicted_{target}"]),
+                number(2 * row[f"predicted_{target}_std"], 3),
+                row["outside"],
+            )
+            for row in frame.head(_SHOWN_ROWS).iter_rows(named=True)
+        ),
+        words=("view", "outside"),
+    )
+    if frame.height > _SHOWN_ROWS:
+        print_line(f"  … {count(frame.height - _SHOWN_ROWS)} more; --output writes them all")

@@ -1,0 +1,208 @@
+"""``exposight train``: observations to models."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from exposight import __version__
+from exposight.cell import PRESETS
+from exposight.cli.arguments import sensor_from
+from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperparameters
+from exposight.cli.output import (
+    JsonOption,
+    count,
+    note,
+    number,
+    print_json,
+    print_line,
+    print_table,
+    progress_bars,
+)
+from exposight.errors import FileError
+from exposight.models import (
+    MODEL_SUFFIX,
+    MODELS,
+    Provenance,
+    model_named,
+    save_model,
+    train,
+)
+from exposight.observing import read_observations
+
+if TYPE_CHECKING:
+    from exposight.cell import ActiveSensor
+    from exposight.models import TrainedModel
+    from exposight.observing import ObservationTable
+
+_ALL = "all"
+_BEST = ("q_k4", "e_k6")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Trained:
+    model: TrainedModel
+    seconds: float
+    path: Path
+
+
+_Observations = Annotated[
+    Path,
+    typer.Argument(metavar="OBSERVATIONS", help="Observation table, .csv or .parquet."),
+]
+_Models = Annotated[
+    list[str],
+    typer.Option(
+        "--model",
+        "-m",
+        metavar="NAME",
+        help=f"Model to train; give it again for more. One of "
+        f"{', '.join(model.name for model in MODELS)}, or {_ALL}.",
+    ),
+]
+_Output = Annotated[
+    Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the model files.")
+]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of the restarts.")]
+_Restarts = Annotated[
+    int, typer.Option(min=1, help="Starts of the optimiser; the best one is kept.")
+]
+_Sensor = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        help=f"Sensor of the observations, kept in the model: {', '.join(PRESETS)}, or its JSON "
+        "file. Predicted exposure times are held against its range.",
+    ),
+]
+
+
+def train_command(
+    observations: _Observations,
+    models: _Models = list(_BEST),  # noqa: B006  (typer copies it)
+    output: _Output = Path("models"),
+    seed: _Seed = 1,
+    restarts: _Restarts = 3,
+    sensor: _Sensor = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Train the paper's models on observations.
+
+    Models named q_ predict p_norm, the quality; those named e_ the exposure
+    time in ms that yields a wanted brightness, learnt from observations with
+    p_norm of at least 0.75. Each becomes one file, NAME.exposight-model.
+
+    For example:
+
+      exposight train observations.csv -m q_k4 -m e_k6 -o models/
+    """
+    specifications = MODELS if _ALL in models else tuple(map(model_named, dict.fromkeys(models)))
+    table = read_observations(observations)
+    owner = None if sensor is None else sensor_from(sensor)
+    if owner is not None:
+        _check_exposures(table, owner)
+    _make_folder(output)
+    sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
+    trained = []
+    with progress_bars(keep=True) as progress:
+        for specification in specifications:
+            start = time.perf_counter()
+            tell = partial(progress, f"training {specification.name}")
+            tell(0, restarts)
+            used = specification.rows(table)
+            model = train(
+                specification,
+                table,
+                seed=seed,
+                provenance=Provenance(
+                    observations=observations.name,
+                    observations_sha256=sha256,
+                    emulated=bool(used.frame["emulated"].any()),
+                    seed=seed,
+                    exposight_version=__version__,
+                ),
+                sensor=owner,
+                restarts=restarts,
+                progress=tell,
+            )
+            path = output / f"{specification.name}{MODEL_SUFFIX}"
+            save_model(path, model)
+            trained.append(_Trained(model=model, seconds=time.perf_counter() - start, path=path))
+    if as_json:
+        print_json({"observations": observations, "models": map(_document, trained)})
+    else:
+        _print(trained)
+
+
+def _check_exposures(table: ObservationTable, sensor: ActiveSensor) -> None:
+    """Check that the sensor can have taken these exposure times: wrong unit, or wrong sensor."""
+    for exposure_ms in table.array(["exposure_ms"])[:, 0].tolist():
+        sensor.check_exposure(exposure_ms)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder} cannot be used for the models: {error.strerror or error}"
+        raise FileError(msg) from error
+
+
+def _document(done: _Trained) -> dict[str, object]:
+    specification, summary = done.model.specification, done.model.summary
+    return {
+        "model": specification.name,
+        "title": specification.title,
+        "target": specification.target,
+        "inputs": specification.inputs,
+        "observations": len(done.model.process.y),
+        "emulated": done.model.provenance.emulated,
+        "log_marginal_likelihood": summary.log_marginal_likelihood,
+        "converged": summary.converged,
+        "evaluations": summary.evaluations,
+        "starts": summary.starts,
+        "parameters_at_bound": summary.parameters_at_bound,
+        "hyperparameters": hyperparameter_documents(done.model),
+        "seconds": done.seconds,
+        "file": done.path,
+    }
+
+
+def _print(trained: list[_Trained]) -> None:
+    print_table(
+        ("model", "predicts", "rows", "log\nlikelihood", "converged", "s"),
+        (
+            (
+                done.model.specification.name,
+                done.model.specification.title,
+                count(len(done.model.process.y)),
+                number(done.model.summary.log_marginal_likelihood, 5),
+                "yes" if done.model.summary.converged else "no",
+                f"{done.seconds:.1f}",
+            )
+            for done in trained
+        ),
+        words=("predicts",),
+    )
+    for done in trained:
+        print_line("")
+        print_line(done.model.specification.name, style="bold")
+        print_hyperparameters(done.model)
+    print_line("")
+    for done in trained:
+        print_line(f"wrote the model: {done.path}")
+    if any(done.model.provenance.emulated for done in trained):
+        note("emulated exposures are among the observations; the models' files say so")
+    unfinished = [done.model.specification.name for done in trained if not _converged(done)]
+    if unfinished:
+        note(f"{', '.join(unfinished)} did not converge; more --restarts may help")
+
+
+def _converged(done: _Trained) -> bool:
+    return done.model.summary.converged

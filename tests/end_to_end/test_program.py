@@ -1,0 +1,98 @@
+"""The installed program itself: as a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import exposight
+
+COMMANDS = ("decode", "observe", "train", "evaluate", "predict", "demo", "info")
+
+ENVIRONMENT = {**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
+
+
+def program(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "exposight", *map(str, arguments)],
+        capture_output=True,
+        encoding="utf-8",
+        timeout=100,
+        check=False,
+        env=ENVIRONMENT,
+        **options,
+    )
+
+
+def test_version():
+    result = program("--version")
+    assert result.returncode == 0
+    assert result.stdout == f"exposight {exposight.__version__}\n"
+
+
+def test_json_is_all_there_is_on_standard_output(campaign, tmp_path):
+    result = program("observe", campaign, "-o", tmp_path / "o.csv", "--json")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["rows"] == 234
+    assert result.stderr == ""
+
+
+def test_an_error_has_no_traceback(tmp_path):
+    result = program("info", tmp_path / "none")
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert result.stderr == f"error: {tmp_path / 'none'}: no such file or folder\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+def test_ctrl_c_ends_in_a_line(observations, tmp_path):
+    training = ("train", observations, "-m", "q_k6", "-o", tmp_path, "--restarts", "10000")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "exposight", *map(str, training)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        env=ENVIRONMENT,
+    )
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline() == "training q_k6 …\n"
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert stdout == ""
+    assert stderr == "error: stopped by Ctrl-C; what was captured or finished before is kept\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it has no such encoding of its terminal")
+def test_a_terminal_without_greek_letters_is_no_error(models):
+    pose = ("--i-avg", "100", "--x-mm", "0", "--y-mm", "0", "--z-mm", "0")
+    model = models / "q_k4.exposight-model"
+    result = subprocess.run(
+        [sys.executable, "-m", "exposight", "predict", str(model), *pose],
+        capture_output=True,
+        timeout=100,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "latin-1"},
+    )
+    assert result.returncode == 0
+    assert b"(2?)" in result.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command, run):
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert "For example:" in result.stdout
+    assert f"exposight {command}" in result.stdout
+    assert "--json" in result.stdout
+
+
+def test_the_program_lists_its_commands(run):
+    result = run("--help")
+    assert all(command in result.stdout for command in COMMANDS)

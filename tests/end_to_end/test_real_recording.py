@@ -1,0 +1,68 @@
+"""decode, info and demo on a recorded object."""
+
+import pytest
+
+from exposight.cell import read_cloud
+
+
+@pytest.fixture(scope="module")
+def skull(real_data):
+    folder = real_data / "skull"
+    if not folder.is_dir():
+        pytest.skip("the skull recording is not there")
+    return folder
+
+
+def decoding(skull, *more):
+    calibration = skull / "calibration.xml"
+    return ("decode", skull / "skull_2x3", "-c", calibration, "-s", "skull_2x3", *more)
+
+
+def test_decode_gives_the_cloud(skull, tmp_path, run_json):
+    path = tmp_path / "cloud.ply"
+    document = run_json(*decoding(skull, "-o", path, "--depth-limits", 300, 2000))
+    cloud = read_cloud(path)
+    assert cloud.n_valid == document["points"] == document["counts"]["decoded"]
+    assert cloud.valid.shape == (document["rows"], document["columns"]) == (1352, 1688)
+    assert document["points"] > 300_000
+    assert 350 < document["depth_mm"]["median"] < 450
+
+
+def test_decode_prints_its_counts_and_a_preview(skull, tmp_path, run, run_json):
+    preview = tmp_path / "preview.png"
+    result = run(*decoding(skull, "--preview", preview))
+    assert result.exit_code == 0
+    assert "low modulation" in result.stdout
+    assert run_json("info", preview)["facts"]["size_px"] == [2 * 1688, 1352]
+
+
+def test_decode_without_a_valid_point(skull, run):
+    result = run(*decoding(skull, "--min-modulation", 200))
+    assert result.exit_code == 1
+    assert "the cloud has no valid point" in result.stderr
+
+
+def test_decode_needs_every_frame(skull, tmp_path, run):
+    for frame in (0, 1, 2, 4, 5):
+        name = f"frameSeq_0{frame}.png"
+        (tmp_path / name).symlink_to(skull / "skull_2x3" / name)
+    calibration = skull / "calibration.xml"
+    result = run("decode", tmp_path, "-c", calibration, "-s", "skull_2x3")
+    assert result.exit_code == 1
+    assert "expected 6 frames, found 5; the numbering skips 3" in result.stderr
+
+
+def test_info_recognises_frames_and_calibration(skull, run_json):
+    assert run_json("info", skull / "skull_2x3")["facts"]["could_be"] == ["skull_2x3"]
+    calibration = run_json("info", skull / "calibration.xml")
+    assert calibration["kind"] == "calibration"
+    assert calibration["facts"]["projector_size_px"] == [1824, 1140]
+
+
+def test_demo_runs_the_whole_way(skull, tmp_path, run_json):
+    output = tmp_path / "demo"
+    document = run_json("demo", "--quick", "--features", 24, "--data", skull, "-o", output)
+    assert document["emulated"]
+    assert [model["model"] for model in document["models"]] == ["q_k1", "q_k4", "e_k1", "e_k6"]
+    assert (output / "report.html").stat().st_size > 100_000
+    assert run_json("info", output / "campaign")["facts"]["emulated"] == 6

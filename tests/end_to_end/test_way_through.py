@@ -1,0 +1,240 @@
+"""A campaign through observe, train, evaluate, predict and info, by the command line."""
+
+import csv
+import shutil
+
+import numpy as np
+import pytest
+
+from exposight.models import load_model
+from exposight.observing import read_observations
+
+
+def test_observe_counts_what_was_seen(campaign, tmp_path, run_json):
+    document = run_json("observe", campaign, "-o", tmp_path / "o.csv")
+    assert document["captures"] == 18
+    assert document["features"] == 13
+    assert document["visibility"] == {"visible": 216, "out of frame": 18}
+    assert document["ranges"]["exposure_ms"] == {"min": 1.0, "median": 8.0, "max": 40.0}
+    assert document["emulated_rows"] == 0
+
+
+def test_observe_writes_the_table(observations):
+    assert len(read_observations(observations)) == 234
+
+
+def test_observe_takes_the_ring_s_tolerances(campaign, tmp_path, run_json):
+    wide, narrow = tmp_path / "wide.csv", tmp_path / "narrow.csv"
+    run_json("observe", campaign, "-o", wide, "--outer", 9)
+    run_json("observe", campaign, "-o", narrow)
+    pixels = [read_observations(path).array(["n_pixels"]) for path in (wide, narrow)]
+    assert np.nansum(pixels[0]) > 2 * np.nansum(pixels[1])
+
+
+def test_a_single_capture_gives_the_campaign_s_numbers(single, observations, tmp_path, run_json):
+    alone = tmp_path / "alone.csv"
+    run_json(
+        *("observe", "--image", single / "stripes.png", "--cloud", single / "cloud.ply"),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--pose", single / "pose.txt", "-o", alone),
+    )
+    every = read_observations(observations)
+    of_campaign = every.where(
+        (every.names("view") == "z600") & (every.array(["exposure_ms"])[:, 0] == 10)
+    )
+    columns = ["i_avg", "p_norm", "x_mm", "z_mm"]
+    np.testing.assert_array_equal(
+        read_observations(alone).array(columns), of_campaign.array(columns)
+    )
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        ("fanuc", "0,0,600,0,0,0"),
+        ("kuka", "0 0 600 0 0 0"),
+        ("abb", "0,0,600,1,0,0,0"),
+        ("ur", "0,0,0.6,0,0,0"),
+    ],
+)
+def test_robots_poses_mean_the_same(pose, single, tmp_path, run_json):
+    document = run_json(
+        *("observe", "--image", single / "stripes.png", "--cloud", single / "cloud.ply"),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--robot-pose", *pose, "-o", tmp_path / "o.csv"),
+    )
+    assert document["ranges"]["z_mm"]["median"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_single_capture_is_shown_feature_by_feature(single, tmp_path, run):
+    result = run(
+        *("observe", "--image", single / "stripes.png", "--cloud", single / "cloud.ply"),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--pose", single / "pose.txt", "-o", tmp_path / "o.csv"),
+    )
+    assert "h12" in result.stdout
+    assert "out of frame" in result.stdout
+
+
+def test_train_keeps_provenance_and_sensor(models, observations):
+    model = load_model(models / "q_k4.exposight-model")
+    assert model.provenance.observations == observations.name
+    assert model.provenance.observations_sha256 is not None
+    assert not model.provenance.emulated
+    assert model.sensor is not None
+    assert model.sensor.name == "small"
+
+
+def test_train_tells_hyperparameters_with_units(observations, tmp_path, run_json):
+    document = run_json("train", observations, "-m", "e_k1", "-o", tmp_path, "--restarts", 1)
+    (model,) = document["models"]
+    units = {own["name"]: own["unit"] for own in model["hyperparameters"]}
+    assert units == {
+        "exponential.variance": "ms²",
+        "exponential.length_scale": "grey level",
+        "noise_variance": "ms²",
+    }
+    assert model["converged"]
+    assert (tmp_path / "e_k1.exposight-model").is_file()
+
+
+def test_train_prints_tables(observations, tmp_path, run):
+    result = run("train", observations, "-m", "q_k1", "-o", tmp_path, "--restarts", 1)
+    assert "rational quadratic" in result.stdout
+    assert f"wrote the model: {tmp_path / 'q_k1.exposight-model'}" in result.stdout
+
+
+def test_evaluate_scores_every_model(models, observations, run_json):
+    files = sorted(models.iterdir())
+    document = run_json("evaluate", *files, observations)
+    assert [model["model"] for model in document["models"]] == ["e_k4", "q_k4"]
+    for model in document["models"]:
+        assert model["trained_on_this_table"]
+        assert model["all"]["r2_percent"] > 80
+        assert model["inside_training_range"]["n"] == model["all"]["n"]
+
+
+def test_evaluate_says_when_the_table_is_the_training_table(models, observations, run):
+    result = run("evaluate", models / "q_k4.exposight-model", observations)
+    assert "learnt from this very table" in " ".join(result.stdout.split())
+
+
+def test_predict_quality_of_one_feature(models, run_json):
+    document = run_json(
+        *("predict", models / "q_k4.exposight-model", "--i-avg", 100),
+        *("--x-mm", 50, "--y-mm", -60, "--z-mm", 0),
+    )
+    assert document["mean"] == pytest.approx(1.0, abs=0.1)
+    assert document["inside_training_range"]
+    assert document["outside"] == []
+
+
+def test_predict_names_the_input_outside_the_training_range(models, run):
+    result = run(
+        *("predict", models / "q_k4.exposight-model", "--i-avg", 100),
+        *("--x-mm", 50, "--y-mm", -60, "--z-mm", 300, "--w-deg", 4),
+    )
+    assert "300, OUTSIDE −40 … 40 of training" in result.stdout
+    assert "note: z_mm outside the training data" in result.stdout
+    assert "q_k4 does not read w_deg" in result.stdout
+
+
+def test_predict_exposure_knows_the_sensor(models, run_json):
+    model = models / "e_k4.exposight-model"
+    pose = ("--x-mm", 50, "--y-mm", 0, "--z-mm", 0)
+    document = run_json("predict", model, "--i-avg", 100, *pose)
+    assert document["mean"] == pytest.approx(100 / 12, rel=0.1)
+    assert document["in_sensor_range"]
+    assert document["nearest_setting_ms"] == pytest.approx(document["mean"], abs=0.25)
+
+
+def test_predict_says_that_the_sensor_cannot_take_an_exposure(models, run_json, run):
+    far_away = ("--i-avg", 100, "--x-mm", 50, "--y-mm", 0, "--z-mm", 1e6)  # the prior's mean, 0 ms
+    model = models / "e_k4.exposight-model"
+    document = run_json("predict", model, *far_away)
+    assert document["sensor_range_ms"] == [0.5, 50.0]
+    assert not document["in_sensor_range"]
+    assert document["nearest_setting_ms"] is None
+    assert "OUTSIDE 0.5 … 50 ms of small" in run("predict", model, *far_away).stdout
+
+
+def test_predict_a_table(models, observations, tmp_path, run_json):
+    path = tmp_path / "predictions.csv"
+    document = run_json("predict", models / "q_k4.exposight-model", observations, "-o", path)
+    assert document["rows"] == 234
+    assert document["without_inputs"] == 18  # the hole that is out of the frame
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(document["predictions"]) == 216
+    assert float(rows[0]["predicted_p_norm"]) == document["predictions"][0]["predicted_p_norm"]
+
+
+def test_predict_a_table_shows_its_first_rows(models, observations, run):
+    result = run("predict", models / "e_k4.exposight-model", observations)
+    assert "196 more" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("plate", "campaign"),
+        ("plate/sensor.json", "sensor"),
+        ("plate/campaign.json", "campaign"),
+        ("plate/features.csv", "feature list"),
+        ("plate/captures/000000/image.png", "image"),
+        ("observations.csv", "observation table"),
+        ("models/q_k4.exposight-model", "model"),
+    ],
+)
+def test_info_recognises_the_method_s_own_files(name, kind, campaign, models, run_json):
+    assert models.is_dir()
+    assert run_json("info", campaign.parent / name)["kind"] == kind
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("a.xyz", "1 2 3\n4 5 6\n", "point cloud"),
+        ("a.csv", "x_mm,y_mm,z_mm\n1,2,3\n", "point cloud"),
+        (
+            "a.toml",
+            'name="s"\nprojector_width=8\nprojector_height=4\nwhite_frame=3\nblack_frame=4\n'
+            "[columns.gray_code]\nframes=[0,1,2]\n",
+            "pattern sequence",
+        ),
+        (
+            "a.yaml",
+            "image_width: 4\nimage_height: 3\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+            "  data: [2., 0, 1, 0, 2, 1, 0, 0, 1]\ndistortion_coefficients:\n  rows: 1\n"
+            "  cols: 5\n  data: [0., 0, 0, 0, 0]\ndistortion_model: plumb_bob\n",
+            "calibration",
+        ),
+    ],
+)
+def test_info_recognises_what_comes_from_elsewhere(name, text, kind, tmp_path, run_json):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    assert run_json("info", path)["kind"] == kind
+
+
+def test_info_tells_people_the_same(models, run):
+    result = run("info", models / "e_k4.exposight-model")
+    assert "exposure time, 4D; verified" in result.stdout
+    assert "trained on −40 … 40 mm" in result.stdout
+
+
+def test_tables_fit_eighty_columns(models, observations, monkeypatch, run):
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = run("evaluate", *sorted(models.iterdir()), observations).stdout.splitlines()
+    tables = [line for line in lines if not line.startswith(("against", "note"))]
+    assert max(map(len, tables)) <= 80
+    assert [line.split()[:2] for line in tables if line.startswith(("q_", "e_"))] == [
+        ["e_k4", "all"],
+        ["q_k4", "all"],
+    ]
+
+
+def test_a_campaign_copied_elsewhere_is_the_same(campaign, tmp_path, run_json):
+    copy = tmp_path / "copy"
+    shutil.copytree(campaign, copy)
+    assert run_json("info", copy)["facts"] == run_json("info", campaign)["facts"]
