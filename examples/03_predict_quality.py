@@ -6,7 +6,7 @@ earlier at the side. Two questions follow, one inside and one outside the range 
 
 import numpy as np
 
-from exposight.models import Provenance, evaluate, model_named, train
+from exposight.models import evaluate, model_named, train
 from exposight.observing import Observation, ObservationTable
 
 rng = np.random.default_rng(1)
@@ -33,18 +33,7 @@ for i in range(300):
     )
 table = ObservationTable.from_observations(observations)
 known = np.arange(len(table)) % 3 > 0
-model = train(
-    model_named("q_k3"),
-    table.where(known),
-    seed=1,
-    provenance=Provenance(
-        observations="made up",
-        observations_sha256=None,
-        emulated=False,
-        seed=1,
-        exposight_version="example",
-    ),
-)
+model = train(model_named("q_k3"), table.where(known), seed=1)
 score = evaluate(model, table.where(~known)).score
 print(f"unseen observations: R² {score.r2_percent:.1f} %, RMSE {100 * score.rmse:.1f} %")
 for i_avg, z_mm, x_mm in ((80, 0, 50), (80, 0, 900)):

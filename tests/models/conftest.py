@@ -5,16 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exposight.models import ModelSpecification, Provenance, TrainedModel, train
+from exposight.models import ModelSpecification, TrainedModel, train
 from exposight.observing import Observation, ObservationTable
-
-PROVENANCE = Provenance(
-    observations="synthetic.csv",
-    observations_sha256="ab" * 32,
-    emulated=True,
-    seed=5,
-    exposight_version="0.1.0",
-)
 
 
 def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
@@ -61,7 +53,13 @@ def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
 def train_quickly(
     specification: ModelSpecification, table: ObservationTable | None = None, **settings: object
 ) -> TrainedModel:
-    given = {"seed": 5, "restarts": 1, "provenance": PROVENANCE, **settings}
+    given = {
+        "seed": 5,
+        "restarts": 1,
+        "source": "synthetic.csv",
+        "source_sha256": "ab" * 32,
+        **settings,
+    }
     return train(specification, synthetic_table() if table is None else table, **given)
 
 

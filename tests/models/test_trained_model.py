@@ -52,6 +52,8 @@ def test_a_model_keeps_where_it_comes_from(trained):
     model = trained(model_named("q_k1"), sensor=sensor)
     assert model.sensor == sensor
     assert model.provenance.observations == "synthetic.csv"
+    assert model.provenance.observations_sha256 == "ab" * 32
+    assert not model.provenance.emulated
     assert model.summary.starts == 1
 
 
@@ -234,3 +236,9 @@ def test_a_specification_is_not_changed_by_training(trained):
     before = replace(specification)
     trained(specification)
     assert specification == before
+
+
+def test_a_model_says_if_it_learnt_from_emulated_exposures(trained, make_table):
+    table = make_table()
+    emulated = ObservationTable(frame=table.frame.with_columns(emulated=True))
+    assert trained(model_named("q_k1"), emulated).provenance.emulated

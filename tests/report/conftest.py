@@ -11,7 +11,7 @@ from exposight.cell import ActiveSensor, Capture, Cloud, Feature, MemoryCampaign
 from exposight.demo import DemoResult, DemoSettings, ModelResult, SequenceCheck
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
-from exposight.models import Provenance, evaluate, model_named, train
+from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
 from exposight.report import demo_report
 
@@ -70,12 +70,7 @@ def _capture(exposure_ms):
 
 
 def _model_result(name, known, unseen, sensor):
-    provenance = Provenance(
-        observations="plate", observations_sha256=None, emulated=True, seed=1, exposight_version="0"
-    )
-    model = train(
-        model_named(name), known, seed=1, provenance=provenance, sensor=sensor, restarts=1
-    )
+    model = train(model_named(name), known, seed=1, sensor=sensor, restarts=1)
     return ModelResult(
         model=model, known=evaluate(model, known), unseen=evaluate(model, unseen), seconds=0.25
     )

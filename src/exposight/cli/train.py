@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exposight import __version__
 from exposight.cell import PRESETS
 from exposight.cli.arguments import sensor_from
 from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperparameters
@@ -29,7 +28,6 @@ from exposight.errors import FileError
 from exposight.models import (
     MODEL_SUFFIX,
     MODELS,
-    Provenance,
     model_named,
     save_model,
     train,
@@ -115,18 +113,12 @@ def train_command(
             start = time.perf_counter()
             tell = partial(progress, f"training {specification.name}")
             tell(0, restarts)
-            used = specification.rows(table)
             model = train(
                 specification,
                 table,
                 seed=seed,
-                provenance=Provenance(
-                    observations=observations.name,
-                    observations_sha256=sha256,
-                    emulated=bool(used.frame["emulated"].any()),
-                    seed=seed,
-                    exposight_version=__version__,
-                ),
+                source=observations.name,
+                source_sha256=sha256,
                 sensor=owner,
                 restarts=restarts,
                 progress=tell,

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight import __version__
 from exposight.cell import (
     ActiveSensor,
     CampaignFolder,
@@ -47,7 +46,6 @@ from exposight.imaging import (
 from exposight.models import (
     MODEL_SUFFIX,
     ModelSpecification,
-    Provenance,
     evaluate,
     save_model,
     train,
@@ -269,18 +267,11 @@ def _train_one(
     settings: DemoSettings,
 ) -> ModelResult:
     start = time.perf_counter()
-    provenance = Provenance(
-        observations="half of the features of the skull's emulated exposure sweep",
-        observations_sha256=None,
-        emulated=True,
-        seed=settings.seed,
-        exposight_version=__version__,
-    )
     model = train(
         specification,
         known,
         seed=settings.seed,
-        provenance=provenance,
+        source="half of the features of the skull's emulated exposure sweep",
         sensor=sensor,
         restarts=settings.restarts,
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.evaluation import RegressionScore, inside_box, score
 from exposight.gp import fit
@@ -174,7 +175,8 @@ def train(
     table: ObservationTable,
     *,
     seed: int,
-    provenance: Provenance,
+    source: str = "a table in memory",
+    source_sha256: str | None = None,
     sensor: ActiveSensor | None = None,
     restarts: int = 3,
     progress: Callable[[int, int], None] | None = None,
@@ -190,10 +192,12 @@ def train(
         out (`ModelSpecification.rows`).
     seed : int
         Of the restarts.
-    provenance : Provenance
-        Kept in the model.
+    source : str
+        What the table is, for instance its file's name; kept in the model.
+    source_sha256 : str, optional
+        Checksum of that file; kept in the model.
     sensor : ActiveSensor, optional
-        Kept in the model.
+        The sensor that the observations are of; kept in the model.
     restarts : int
         Starts of the optimiser; the paper took three (Sect. 3.3.4).
     progress : callable, optional
@@ -210,7 +214,8 @@ def train(
     NumericalError
         If no start of the optimiser gave a valid model.
     """
-    x, y = specification.data(_usable_rows(specification, table, "train"))
+    rows = _usable_rows(specification, table, "train")
+    x, y = specification.data(rows)
     result = fit(
         specification.kernel,
         x,
@@ -229,7 +234,13 @@ def train(
             starts=len(result.starts),
             parameters_at_bound=result.parameters_at_bound,
         ),
-        provenance=provenance,
+        provenance=Provenance(
+            observations=source,
+            observations_sha256=source_sha256,
+            emulated=bool(rows.frame["emulated"].any()),
+            seed=seed,
+            exposight_version=__version__,
+        ),
         sensor=sensor,
     )
 
