@@ -57,7 +57,7 @@ def pixel_boxes(
         Added on every side.
     """
     pixels = camera.project(outlines)
-    projects = np.isfinite(pixels).all(axis=(1, 2))
+    projects = np.asarray(np.isfinite(pixels).all(axis=(1, 2)))
     behind = outlines[:, :, 2].max(axis=1) <= 0
     # What cannot be projected in part is not bounded by the rest: search the whole frame for it.
     size = np.array([camera.width, camera.height])
