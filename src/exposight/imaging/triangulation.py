@@ -15,6 +15,7 @@ import numpy as np
 
 from exposight.cell import Cloud
 from exposight.errors import ImageError
+from exposight.geometry import PixelBox
 from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def triangulate(
     projector_from_camera: RigidTransform,
     depth_limits_mm: tuple[float, float] = (0.0, np.inf),
     max_residual_px: float = np.inf,
+    window: PixelBox | None = None,
 ) -> Cloud:
     """Intersect every decoded pixel's ray with its projector column, row, or both.
 
@@ -57,25 +59,29 @@ def triangulate(
     max_residual_px : float, projector px
         Where column and row are both known, the largest distance between the decoded coordinate and
         the point's projection; beyond it there is no point.
+    window : PixelBox, optional
+        The part of the camera's image that the map covers; all of it by default.
 
     Returns
     -------
     Cloud
-        Organised like the camera's image, in the camera frame; NaN where not decoded, where the ray
+        Organised like the map, in the camera frame; NaN where not decoded, where the ray
         runs towards the projector's centre, or where the intersection is behind either lens.
 
     Raises
     ------
     ImageError
-        If the map is not of the camera's or projector's size, or a limit makes no sense.
+        If the map is not of the camera's (or the window's) or the projector's size, the window is
+        not within the camera's image, or a limit makes no sense.
     """
-    _check_sizes(decoded, camera, projector)
+    window = window or PixelBox(top=0, bottom=camera.height, left=0, right=camera.width)
+    _check_sizes(decoded, camera, projector, window)
     near_mm, far_mm = _check_limits(depth_limits_mm, max_residual_px)
     none = np.empty((0, 0))
     coefficients = projector.coefficients
     points = np.empty((*decoded.image_shape, 3), dtype=np.float32)
     _intersect(
-        camera.rays(),
+        camera.rays()[window.top : window.bottom, window.left : window.right],
         none if decoded.column is None else decoded.column,
         none if decoded.row is None else decoded.row,
         np.ascontiguousarray(projector_from_camera.rotation),
@@ -105,13 +111,27 @@ def _check_limits(
     return near_mm, far_mm
 
 
-def _check_sizes(decoded: DecodedMap, camera: PinholeCamera, projector: PinholeCamera) -> None:
-    if decoded.image_shape != (camera.height, camera.width):
-        rows, columns = decoded.image_shape
+def _check_sizes(
+    decoded: DecodedMap, camera: PinholeCamera, projector: PinholeCamera, window: PixelBox
+) -> None:
+    rows, columns = decoded.image_shape
+    whole = (
+        window.bottom - window.top == camera.height and window.right - window.left == camera.width
+    )
+    if decoded.image_shape != (window.bottom - window.top, window.right - window.left):
+        size = f"{window.right - window.left} × {window.bottom - window.top}"
         msg = (
-            f"the frames have {columns} × {rows} px, the camera {camera.width} × {camera.height}; "
+            f"the frames have {columns} × {rows} px, the {'camera' if whole else 'window'} {size}; "
             "use the calibration of the camera that took them, at the same resolution"
         )
+        raise ImageError(msg)
+    if (
+        window.top < 0
+        or window.left < 0
+        or window.bottom > camera.height
+        or (window.right > camera.width)
+    ):
+        msg = f"the window must lie within {camera.width} × {camera.height} px, got {window}"
         raise ImageError(msg)
     expected = (decoded.projector_width, decoded.projector_height)
     if expected != (projector.width, projector.height):

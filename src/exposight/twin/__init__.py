@@ -1,0 +1,1 @@
+"""A measuring cell made of physics: a part, light, sensors that saturate."""

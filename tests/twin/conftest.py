@@ -1,0 +1,127 @@
+"""Small scenes: a sheet with round holes, and a wall beside it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from exposight.cell import ActiveSensor, Feature, Part, Projector, sensor_preset
+from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.twin.surfaces import FINISHES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """Triangles of a scene; normals face −z, towards a sensor before it."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    face_finish: np.ndarray
+    vertex_normals: np.ndarray
+
+    def normals(self) -> np.ndarray:
+        return self.vertex_normals
+
+
+def _plate(
+    finish: str,
+    holes: tuple[tuple[float, float, float], ...] = (),
+    *,
+    half_mm: tuple[float, float] = (60.0, 45.0),
+    step_mm: float = 4.0,
+    wall_at_mm: float | None = None,
+) -> Sheet:
+    x = np.linspace(-half_mm[0], half_mm[0], int(2 * half_mm[0] / step_mm) + 1)
+    y = np.linspace(-half_mm[1], half_mm[1], int(2 * half_mm[1] / step_mm) + 1)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    for cx, cy, radius in holes:
+        points = points[np.hypot(points[:, 0] - cx, points[:, 1] - cy) > radius + 0.5 * step_mm]
+    for cx, cy, radius in holes:
+        angle = np.arange(72) * 2 * np.pi / 72
+        ring = np.stack([cx + radius * np.cos(angle), cy + radius * np.sin(angle)], axis=-1)
+        points = np.concatenate([points, ring])
+    faces = Delaunay(points).simplices.astype(np.int32)
+    middle = points[faces].mean(axis=1)
+    keep = np.ones(len(faces), dtype=bool)
+    for cx, cy, radius in holes:
+        keep &= np.hypot(middle[:, 0] - cx, middle[:, 1] - cy) > radius
+    faces = faces[keep]
+    vertices = np.column_stack([points, np.zeros(len(points))])
+    normals = np.tile([0.0, 0.0, -1.0], (len(points), 1))
+    if wall_at_mm is not None:
+        wall = np.array([(wall_at_mm, s * half_mm[1], z) for s in (-1, 1) for z in (0.0, -50.0)])
+        n = len(vertices)
+        vertices = np.concatenate([vertices, wall])
+        normals = np.concatenate([normals, np.tile([-1.0, 0.0, 0.0], (4, 1))])
+        faces = np.concatenate([faces, np.array([[n, n + 1, n + 2], [n + 1, n + 3, n + 2]])])
+    return Sheet(
+        vertices=vertices,
+        faces=faces.astype(np.int32),
+        face_finish=np.full(len(faces), FINISHES.index(finish), dtype=np.uint8),
+        vertex_normals=normals,
+    )
+
+
+@pytest.fixture(scope="session")
+def plate() -> Callable[..., Sheet]:
+    """Build a sheet in the plane z = 0."""
+    return _plate
+
+
+@pytest.fixture(scope="session")
+def small_sensor() -> ActiveSensor:
+    """The paper's structured-light sensor with a camera of a quarter of the field and pixels."""
+    full = sensor_preset("comet-pro-ae")
+    camera = PinholeCamera(
+        width=400, height=300, fx=full.camera.fx * 0.6, fy=full.camera.fy * 0.6, cx=199.5, cy=149.5
+    )
+    return replace(full, cameras=(camera,))
+
+
+@pytest.fixture(scope="session")
+def before() -> Callable[..., RigidTransform]:
+    """Stand before the sheet, its normal turned by (w, p) from the sensor's axis."""
+
+    def pose(distance_mm: float = 600.0, w_deg: float = 6.0, p_deg: float = -1.0) -> RigidTransform:
+        return RigidTransform.from_fanuc_wpr((0.0, 0.0, distance_mm), w_deg, p_deg, 0.0)
+
+    return pose
+
+
+@pytest.fixture(scope="session")
+def hole_part() -> Callable[..., Part]:
+    """Give a sheet's holes names."""
+
+    def build(holes: tuple[tuple[float, float, float], ...]) -> Part:
+        return Part(
+            name="sheet",
+            features=tuple(
+                Feature(
+                    name=f"h{i}",
+                    kind="hole",
+                    part_from_feature=RigidTransform(translation_mm=np.array([x, y, 0.0])),
+                    radius_mm=r,
+                )
+                for i, (x, y, r) in enumerate(holes)
+            ),
+        )
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def with_lens() -> Callable[[ActiveSensor], ActiveSensor]:
+    """Give a sensor's camera and projector lens distortion."""
+
+    def distorted(sensor: ActiveSensor) -> ActiveSensor:
+        camera = replace(sensor.camera, distortion=(-0.12, 0.08, 0.001, -0.0005))
+        assert sensor.projector is not None
+        lamp = replace(sensor.projector.camera, distortion=(0.05, -0.02, 0.0, 0.001))
+        projector = Projector(
+            camera=lamp, camera_from_projector=sensor.projector.camera_from_projector
+        )
+        return replace(sensor, cameras=(camera,), projector=projector)
+
+    return distorted
