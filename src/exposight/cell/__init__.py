@@ -1,6 +1,6 @@
 """The words of a measuring cell: features, parts, sensors, clouds, captures, campaigns, files."""
 
-from exposight.cell.archive import CampaignFolder, CampaignWriter
+from exposight.cell.archive import CampaignFolder, CampaignWriter, write_numbered_capture
 from exposight.cell.campaign import Campaign, MemoryCampaign
 from exposight.cell.capture import Capture, CaptureKey, check_image
 from exposight.cell.cloud import Cloud, check_points
@@ -38,5 +38,6 @@ __all__ = [
     "sensor_preset",
     "write_cloud",
     "write_features",
+    "write_numbered_capture",
     "write_sensor",
 ]

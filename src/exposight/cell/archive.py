@@ -38,7 +38,7 @@ from exposight.errors import FileError, FormatError, InputError, MissingFileErro
 if sys.platform != "win32":
     import fcntl
 
-__all__ = ["CampaignFolder", "CampaignWriter"]
+__all__ = ["CampaignFolder", "CampaignWriter", "write_numbered_capture"]
 
 CAMPAIGN_FORMAT = "exposight campaign"
 CAMPAIGN_VERSION = 1
@@ -198,6 +198,11 @@ class CampaignWriter:
         """View and exposure time of every capture that is there, in the order they were taken."""
         return tuple(self._keys)
 
+    @property
+    def numbered_keys(self) -> dict[int, CaptureKey]:
+        """Number and key of every capture that was there when the campaign was opened."""
+        return dict(zip(self._campaign.numbers, self._campaign.keys(), strict=True))
+
     def has(self, view: str, exposure_ms: float) -> bool:
         """Tell whether a capture is there already, so that an interrupted campaign can go on."""
         return CaptureKey(view, exposure_ms) in self._keys
@@ -231,6 +236,29 @@ class CampaignWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
+    """Write a capture under a number of its own, on behalf of a campaign's open writer.
+
+    For the worker processes of a program that holds the campaign's `CampaignWriter`: it keeps
+    other programs out, and gives each of its workers numbers that nobody else has.
+
+    Parameters
+    ----------
+    campaign : Path
+        The campaign's folder.
+    number : int
+        Where in the campaign's order the capture stands.
+    capture : Capture
+        Checked against the sensor by the caller (`Capture.check_fits`).
+
+    Raises
+    ------
+    FileError
+        If there is a capture of this number, the disk is full or refuses.
+    """
+    write_capture(_capture_path(campaign, number), capture)
 
 
 def _capture_path(campaign: Path, number: int) -> Path:
