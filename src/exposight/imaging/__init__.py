@@ -6,6 +6,7 @@ from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frames import BitDepth, FrameStack, check_frames, read_frames
 from exposight.imaging.phase_shift import phase_and_modulation, unwrap_step
 from exposight.imaging.re_exposure import re_expose
+from exposight.imaging.rectification import RectifiedPair, rectify
 from exposight.imaging.sequence_file import read_sequence
 from exposight.imaging.sequences import (
     SEQUENCE_PRESETS,
@@ -15,6 +16,7 @@ from exposight.imaging.sequences import (
     PhaseShift,
     sequence_preset,
 )
+from exposight.imaging.stereo import StereoLimits, match_pair, matchable
 from exposight.imaging.triangulation import triangulate
 
 __all__ = [
@@ -30,14 +32,19 @@ __all__ = [
     "PatternSequence",
     "PhaseShift",
     "PixelFlag",
+    "RectifiedPair",
+    "StereoLimits",
     "check_frames",
     "compare_along_rays",
     "decode",
+    "match_pair",
+    "matchable",
     "phase_and_modulation",
     "re_expose",
     "read_frames",
     "read_recording",
     "read_sequence",
+    "rectify",
     "sequence_preset",
     "triangulate",
     "unwrap_step",

@@ -66,6 +66,11 @@ class RectifiedPair:
         """Rectify an image of the second camera; 0 where it sees nothing."""
         return _remap(image, self._second_map, cv2.INTER_CUBIC)
 
+    def turn_first_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Rectify a mask of the first camera's pixels; False where it sees nothing."""
+        turned = _remap(mask.astype(np.uint8), self._first_map, cv2.INTER_NEAREST)
+        return turned.astype(np.bool_)
+
     def turn_second_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Rectify a mask of the second camera's pixels; False where it sees nothing."""
         turned = _remap(mask.astype(np.uint8), self._second_map, cv2.INTER_NEAREST)
