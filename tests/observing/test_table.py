@@ -14,6 +14,7 @@ from exposight.observing import (
     Observation,
     ObservationTable,
     Visibility,
+    read_inputs,
     read_observations,
 )
 
@@ -381,3 +382,27 @@ def test_counts_tell_each_visibility_the_commonest_first():
         (Visibility.VISIBLE.value, 2),
         (Visibility.FACING_AWAY.value, 1),
     ]
+
+
+def test_inputs_alone_can_be_read(tmp_path):
+    path = tmp_path / "planned.csv"
+    path.write_text("z_mm,i_avg,operator\n5,90,Ann\n-3.5,120,Bo\n")
+    frame = read_inputs(path, ("i_avg", "z_mm"))
+    assert frame.columns == ["feature", "view", "exposure_ms", "i_avg", "z_mm", "p_norm"]
+    assert frame["i_avg"].to_list() == [90.0, 120.0]
+    assert frame["feature"].to_list() == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("i_avg\n90\n", r"planned\.csv: missing columns z_mm; found i_avg"),
+        ("i_avg,z_m\n90,0.1\n", "column 'z_m' has another unit or none: expected 'z_mm'"),
+        ("i_avg,z_mm\nbright,0\n", "values of the wrong type"),
+    ],
+)
+def test_inputs_that_are_not_there_are_named(tmp_path, text, message):
+    path = tmp_path / "planned.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=message):
+        read_inputs(path, ("i_avg", "z_mm"))

@@ -86,8 +86,10 @@ def test_a_second_run_keeps_what_was_captured(result, real_data, folder):
 
 def test_another_seed_does_not_mix_into_the_same_campaign(result, real_data, folder):
     other = DemoSettings(features=24, seed=2, models=SETTINGS.models, workers=1)
-    with pytest.raises(InputError, match="choose another folder"):
+    before = (folder / "features.csv").read_bytes()
+    with pytest.raises(InputError, match=r"choose another folder.*of another seed"):
         run_demo(folder, real_data / "skull", other)
+    assert (folder / "features.csv").read_bytes() == before
 
 
 def test_settings_that_make_no_sense_are_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -178,11 +179,11 @@ def _print(result: DemoResult, report: Path) -> None:
     )
     best = result.output / "models" / f"{result.results[0].model.specification.name}{MODEL_SUFFIX}"
     observations = result.output / "observations.csv"
+    program = sys.argv[0] if "exposight" in sys.argv[0] else "exposight"
     print_line(f"report:       {report}")
     print_line(f"observations: {observations}")
     print_line(f"campaign:     {result.output / 'campaign'}")
-    print_line(f"next:         exposight info {best}")
-    print_line(f"              exposight evaluate {best} {observations}")
+    print_line(f"next:         {program} info {best}")
 
 
 def _cells(evaluation: Evaluation) -> tuple[str, str]:

@@ -270,6 +270,12 @@ def _print(source: Campaign, table: ObservationTable, output: Path) -> None:
         )
     if not ranges:
         note("no feature could be measured; check the pose and its unit")
+    elif not (table.frame["p_norm"].fill_null(0.0) > 0.0).any():
+        note(
+            "every p_norm is 0: no point of any cloud lies near any feature. If the images are not "
+            "all dark or clipped, check that clouds and features are in mm, that clouds are in the "
+            "camera's frame, and that the pose is that of the part seen from the camera"
+        )
     print_line(f"wrote the observations: {output}")
 
 

@@ -23,14 +23,13 @@ from exposight.cli.output import (
 )
 from exposight.durable import write_durably
 from exposight.errors import FormatError, InputError
-from exposight.models import I_AVG_MAX, UNITS, load_model
-from exposight.observing import read_observations
+from exposight.models import I_AVG_MAX, I_AVG_MIN, UNITS, load_model
+from exposight.observing import read_inputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.models import ModelPrediction, TrainedModel
-    from exposight.observing import ObservationTable
 
 _SHOWN_ROWS = 20
 
@@ -100,7 +99,8 @@ def predict_command(
     if observations is None:
         _predict_one(model, inputs, as_json=as_json)
     else:
-        _predict_table(model, read_observations(observations), output, as_json=as_json)
+        table = read_inputs(observations, model.specification.inputs)
+        _predict_table(model, table, output, as_json=as_json)
 
 
 # -- one feature --------------------------------------------------------------------------------
@@ -151,6 +151,8 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
             (name, f"{number(inputs[name])}, {verdict} {number(low)} … {number(high)} of training")
         )
     facts += _sensor_facts(model, mean)
+    if specification.target == "p_norm" and grey < I_AVG_MIN:
+        note(f"below a grey level of {I_AVG_MIN:g} the quality models say 0 by design (Eq. 9)")
     print_facts(f"{specification.name}: {specification.title}", facts)
     if outside:
         note(f"{', '.join(outside)} outside the training data: the model extrapolates")
@@ -199,9 +201,10 @@ def _outside(model: TrainedModel, x: NDArray[np.float64]) -> list[list[str]]:
 
 
 def _predict_table(
-    model: TrainedModel, table: ObservationTable, output: Path | None, *, as_json: bool
+    model: TrainedModel, table: pl.DataFrame, output: Path | None, *, as_json: bool
 ) -> None:
-    x = table.array(model.specification.inputs)
+    asked = table.select(pl.col(model.specification.inputs).fill_null(np.nan))
+    x = asked.to_numpy().reshape(-1, len(model.specification.inputs))
     complete: NDArray[np.bool_] = np.asarray(np.isfinite(x).all(axis=1))
     if not complete.any():
         msg = (
@@ -210,7 +213,7 @@ def _predict_table(
         )
         raise InputError(msg)
     prediction = model.predict(x[complete])
-    frame = _frame(model, table.where(complete), x[complete], prediction)
+    frame = _frame(model, table.filter(pl.Series(complete)), x[complete], prediction)
     if output is not None:
         _write(output, frame)
     left_out = int(np.count_nonzero(~complete))
@@ -251,14 +254,13 @@ def _predict_table(
 
 def _frame(
     model: TrainedModel,
-    table: ObservationTable,
+    table: pl.DataFrame,
     x: NDArray[np.float64],
     prediction: ModelPrediction,
 ) -> pl.DataFrame:
     """Return what was asked and what is predicted, a row each."""
     target = model.specification.target
-    inputs = model.specification.inputs
-    frame = table.frame.select("feature", "view", "exposure_ms", *inputs, "p_norm").with_columns(
+    frame = table.with_columns(
         pl.Series(f"predicted_{target}", prediction.mean),
         pl.Series(f"predicted_{target}_std", prediction.std),
         pl.Series("inside_training_range", prediction.inside),
@@ -288,8 +290,8 @@ def _print_rows(model: TrainedModel, frame: pl.DataFrame) -> None:
         ("feature", "view", "exposure\nms", "p_norm", f"predicted{unit}", f"± 2σ{unit}", "outside"),
         (
             (
-                row["feature"],
-                row["view"],
+                row["feature"] or "–",
+                row["view"] or "–",
                 number(row["exposure_ms"]),
                 number(row["p_norm"], 3),
                 number(row[f"predicted_{target}"]),

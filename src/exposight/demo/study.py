@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -111,18 +111,29 @@ def run_demo(
         cloud, sensor, count=settings.features, rng=np.random.default_rng(settings.seed)
     )
     part = Part(name="skull", features=features)
-    write_features(folder / "features.csv", features)
     tell("placing features", 1, 1)
-    campaign = _sweep(folder / "campaign", recording, sensor, part, settings, tell)
+    try:
+        campaign = _sweep(folder / "campaign", recording, sensor, part, settings, tell)
+    except InputError as error:
+        msg = f"{error} (it holds a demonstration of another seed or number of features)"
+        raise InputError(msg) from error
+    write_features(folder / "features.csv", features)
     table = observe_campaign(campaign, progress=lambda done, n: tell("observing", done, n))
     table.write(folder / "observations.csv")
     split = split_by_group(table.names("feature"), 0.5, np.random.default_rng(settings.seed))
     trains = np.isin(np.arange(len(table)), split.train)
-    results = _train_all(table.where(trains), table.where(~trains), sensor, settings, tell)
-    models = folder / "models"
-    models.mkdir(exist_ok=True)
-    for result in results:
+    jobs = [
+        (specification, table.where(trains), table.where(~trains), sensor, settings)
+        for specification in settings.models
+    ]
+    models = _make_folder(folder / "models")
+    results = []
+    tell("training models", 0, len(jobs))
+    for result in _train_all(jobs, settings.workers):
         save_model(models / f"{result.model.specification.name}{MODEL_SUFFIX}", result.model)
+        results.append(result)
+        tell("training models", len(results), len(jobs))
+    results.sort(key=lambda found: settings.models.index(found.model.specification))
     views = view_features(part, sensor, RigidTransform())
     train_features = frozenset(table.names("feature")[trains].tolist())
     return DemoResult(
@@ -136,7 +147,7 @@ def run_demo(
         table=table,
         train_features=train_features,
         overlap=_ring_overlap(views, train_features, recording.phase.image_shape),
-        results=results,
+        results=tuple(results),
     )
 
 
@@ -229,31 +240,20 @@ def _sweep(
     return CampaignFolder(folder)
 
 
-def _train_all(
-    known: ObservationTable,
-    unseen: ObservationTable,
-    sensor: ActiveSensor,
-    settings: DemoSettings,
-    tell: Progress,
-) -> tuple[ModelResult, ...]:
-    """Train every model, several at a time, and return them in the settings' order."""
-    jobs = [(specification, known, unseen, sensor, settings) for specification in settings.models]
-    tell("training models", 0, len(jobs))
-    if settings.workers == 1:
-        results = []
-        for job in jobs:
-            results.append(_train_one(*job))
-            tell("training models", len(results), len(jobs))
-        return tuple(results)
+_Job = tuple[ModelSpecification, ObservationTable, ObservationTable, ActiveSensor, DemoSettings]
+
+
+def _train_all(jobs: list[_Job], workers: int) -> Iterator[ModelResult]:
+    """Train models, several at a time, and yield each as soon as it is done."""
+    if workers == 1:
+        yield from (_train_one(*job) for job in jobs)
+        return
     # Fresh processes: forking one that has run compiled threads can hang.
     context = multiprocessing.get_context("spawn")
-    workers = min(settings.workers, len(jobs))
-    with ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
-        futures = [pool.submit(_train_one, *job) for job in jobs]
+    with ProcessPoolExecutor(max_workers=min(workers, len(jobs)), mp_context=context) as pool:
         try:
-            for done, _ in enumerate(as_completed(futures), start=1):
-                tell("training models", done, len(jobs))
-            return tuple(future.result() for future in futures)
+            futures = [pool.submit(_train_one, *job) for job in jobs]
+            yield from (future.result() for future in as_completed(futures))
         except BaseException:  # an interrupt too: do not begin what is still waiting
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -13,6 +13,7 @@ from exposight.observing.table import (
     SCHEMA,
     Observation,
     ObservationTable,
+    read_inputs,
     read_observations,
 )
 
@@ -28,6 +29,7 @@ __all__ = [
     "observe_capture",
     "orientation_deg",
     "point_search",
+    "read_inputs",
     "read_observations",
     "view_features",
 ]

@@ -223,7 +223,7 @@ def read_observations(path: str | Path) -> ObservationTable:
         msg = f"{path}: no such observation table"
         raise MissingFileError(msg)
     frame = _read_frame(path)
-    _check_header(path, frame.columns)
+    _check_header(path, frame.columns, required=_REQUIRED, closed=True)
     frame = frame.with_columns(
         _missing_column(name) for name in SCHEMA if name not in frame.columns
     )
@@ -236,6 +236,46 @@ def read_observations(path: str | Path) -> ObservationTable:
         raise FormatError(msg) from error
     _check_values(path, frame)
     return ObservationTable(frame=frame)
+
+
+def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
+    """Read a table of what a model is asked about, which need hold nothing else.
+
+    Parameters
+    ----------
+    path : path
+        CSV or Parquet: an observation table, or any table with these columns.
+    columns : sequence of str
+        The model's inputs, with their units in their names.
+
+    Returns
+    -------
+    polars.DataFrame
+        The columns, and of ``feature``, ``view``, ``exposure_ms`` and ``p_norm`` what there is;
+        what there is not is null.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it cannot be parsed, lacks a column or has it in another unit, or it is not a number.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"{path}: no such table"
+        raise MissingFileError(msg)
+    frame = _read_frame(path)
+    _check_header(path, frame.columns, required=columns, closed=False)
+    wanted = dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm"))
+    there = [name for name in wanted if name in frame.columns]
+    try:
+        known = frame.select(pl.col(name).cast(SCHEMA[name]) for name in there)
+    except pl.exceptions.PolarsError as error:
+        msg = f"{path}: a column has values of the wrong type: {str(error).splitlines()[0]}"
+        raise FormatError(msg) from error
+    missing = (pl.lit(None, SCHEMA[name]).alias(name) for name in wanted if name not in there)
+    return known.with_columns(missing).select(*wanted)
 
 
 def _read_frame(path: Path) -> pl.DataFrame:
@@ -257,8 +297,11 @@ def _wrong_suffix(path: Path, suffix: str) -> str:
     return f"{path}: an observation table ends in .csv or .parquet, got '{suffix}'"
 
 
-def _check_header(path: Path, columns: Sequence[str]) -> None:
-    missing = [name for name in _REQUIRED if name not in columns]
+def _check_header(
+    path: Path, columns: Sequence[str], *, required: Sequence[str], closed: bool
+) -> None:
+    """Check that all required columns are there and, if closed, no unknown one."""
+    missing = [name for name in required if name not in columns]
     unknown = [name for name in columns if name not in SCHEMA]
     for name in missing:
         stem = next((name.removesuffix(s) for s in _UNIT_SUFFIXES if name.endswith(s)), None)
@@ -269,7 +312,10 @@ def _check_header(path: Path, columns: Sequence[str]) -> None:
                 "convert the values and rename the column"
             )
             raise FormatError(msg)
-    if missing or unknown:
+    if missing and not closed:
+        msg = f"{path}: missing columns {', '.join(missing)}; found {', '.join(columns)}"
+        raise FormatError(msg)
+    if closed and (missing or unknown):
         msg = (
             f"{path}: wrong header: missing {missing or 'none'}, unknown {unknown or 'none'}; "
             f"expected {', '.join(SCHEMA)}, of which those after radius_mm may be left out"

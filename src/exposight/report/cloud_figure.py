@@ -44,9 +44,10 @@ def cloud_figure(number_: int, result: DemoResult) -> str:
     rings = ring_of_points(result, sample)
     caption = (
         f"The cloud at the nominal {number(nominal_capture(result).exposure_ms)} ms in the "
-        f"camera’s frame, every {_nth(sample.step)}row and column, strays left out; move the "
-        "slider to see each ring take the colour of its <i>p</i><sub>norm</sub> at that exposure "
-        "time: surfaces that are best at short exposures are the first to be lost at long ones. "
+        f"camera’s frame, every {_nth(sample.step)}row and column, strays left out; the rings at "
+        "the slider’s exposure: move it to see each take the colour of its "
+        "<i>p</i><sub>norm</sub> there; surfaces that are best at short exposures are the first "
+        "to be lost at long ones. "
         "Drag to turn; point at a ring for its numbers."
     )
     content = (

@@ -78,8 +78,8 @@ def prediction_figure(number_: int, result: DemoResult, target: str) -> str:
         chosen,
     )
     caption = (
-        f"Predicted over observed {style.told}. Bars are ±2σ for a new observation; brown diamonds "
-        "lie outside the range of the training inputs, where a model extrapolates."
+        f"Predicted over observed {style.told}. Bars are ±2σ for a new observation; orange "
+        "diamonds lie outside the range of the training inputs, where a model extrapolates."
     )
     return figure(number_, menu + plot(place, _drawing(results, style, chosen)), caption)
 
