@@ -8,7 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exposight.cell import Campaign, CampaignFolder, CampaignWriter, Cloud, Feature, Part
+from exposight.cell import (
+    Campaign,
+    CampaignFolder,
+    CampaignWriter,
+    Cloud,
+    Feature,
+    Part,
+    write_numbered_capture,
+)
 from exposight.errors import (
     DamagedFileError,
     FileError,
@@ -129,6 +137,39 @@ def test_a_reopened_writer_adds_behind_what_is_there(folder, sensor, part, make_
     with reopen(folder, sensor, part) as writer:
         writer.add(make_capture(5.0))
     assert [c.exposure_ms for c in CampaignFolder(folder).captures()] == [30, 10, 20, 5]
+
+
+def test_a_reopened_writer_knows_the_number_of_each_capture(folder, sensor, part):
+    shutil.rmtree(folder / "captures" / "000001")
+    with reopen(folder, sensor, part) as writer:
+        assert writer.numbered_keys == {0: ("v1", 30), 2: ("v1", 20)}
+
+
+def test_numbered_captures_come_in_the_order_of_their_numbers(folder, sensor, part, make_capture):
+    with reopen(folder, sensor, part):
+        for number, exposure in ((7, 5.0), (4, 6.0)):
+            write_numbered_capture(folder, number, make_capture(exposure))
+    captures = list(CampaignFolder(folder).captures())
+    assert [capture.exposure_ms for capture in captures] == [30, 10, 20, 6, 5]
+    assert_same(captures[-1], make_capture(5.0))
+
+
+def test_a_number_that_is_there_is_refused_and_its_capture_kept(folder, sensor, part, make_capture):
+    with (
+        reopen(folder, sensor, part),
+        pytest.raises(FileError, match="000001 was not written: File exists"),
+    ):
+        write_numbered_capture(folder, 1, make_capture(5.0))
+    assert [capture.exposure_ms for capture in CampaignFolder(folder).captures()] == [30, 10, 20]
+
+
+def test_a_writer_adds_behind_the_numbers_there_when_it_was_opened(
+    folder, sensor, part, make_capture
+):
+    write_numbered_capture(folder, 41, make_capture(5.0))
+    with reopen(folder, sensor, part) as writer:
+        writer.add(make_capture(6.0))
+    assert CampaignFolder(folder).numbers == (0, 1, 2, 41, 42)
 
 
 def test_a_deleted_capture_can_be_taken_again(folder, sensor, part, make_capture):

@@ -10,7 +10,7 @@ import pytest
 
 import exposight
 
-COMMANDS = ("decode", "observe", "train", "evaluate", "predict", "demo", "info")
+COMMANDS = ("simulate", "decode", "observe", "train", "evaluate", "predict", "demo", "info")
 
 ENVIRONMENT = {**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
 

@@ -22,6 +22,7 @@ from exposight.cli.info import info_command
 from exposight.cli.observe import observe_command
 from exposight.cli.output import print_error
 from exposight.cli.predict import predict_command
+from exposight.cli.simulate import simulate_command
 from exposight.cli.train import train_command
 from exposight.errors import ExposightError
 
@@ -50,7 +51,8 @@ class _Command(TyperCommand):
             print_error("FileError", f"{place}{error.strerror or error}", as_json=as_json)
             raise typer.Exit(1) from error
         except KeyboardInterrupt as error:
-            message = "stopped by Ctrl-C; what was captured or finished before is kept"
+            message = str(error)  # a command may know more
+            message = message or "stopped by Ctrl-C; what was captured or finished before is kept"
             print_error("Interrupted", message, as_json=as_json)
             raise typer.Exit(_INTERRUPTED) from error
 
@@ -98,6 +100,7 @@ def _register(name: str, command: Callable[..., None]) -> None:
 
 
 _register("demo", demo_command)
+_register("simulate", simulate_command)
 _register("decode", decode_command)
 _register("observe", observe_command)
 _register("train", train_command)

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -160,13 +167,17 @@ def print_table(
 
 
 @contextmanager
-def progress_bars(*, keep: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars(
+    *, keep: bool = False, time_left: bool = False
+) -> Iterator[Callable[[str, int, int], None]]:
     """Show how far work is, on standard error and only where that is a terminal.
 
     Parameters
     ----------
     keep : bool
         Leave the finished bars standing; where there is no terminal, name each stage in a line.
+    time_left : bool
+        Tell the time left, too, for work of many minutes.
 
     Yields
     ------
@@ -189,15 +200,18 @@ def progress_bars(*, keep: bool = False) -> Iterator[Callable[[str, int, int], N
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        *((TextColumn("left"), TimeRemainingColumn()) if time_left else ()),
         console=console,
         transient=not keep,
+        speed_estimate_period=600.0,  # s: steps of such work may be a minute apart
     )
     with bars:
         tasks: dict[str, object] = {}
 
         def tell(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage)
+                # What was done before does not count as speed.
+                tasks[stage] = bars.add_task(stage, completed=done, total=total)
             bars.update(tasks[stage], completed=done, total=total)  # type: ignore[arg-type]
 
         yield tell

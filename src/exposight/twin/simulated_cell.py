@@ -7,16 +7,12 @@ alone, so the result is the same for any number of workers and any interruption.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
-
-import numba
+from typing import TYPE_CHECKING
 
 from exposight.cell import (
     CampaignFolder,
@@ -26,7 +22,7 @@ from exposight.cell import (
     sensor_preset,
     write_numbered_capture,
 )
-from exposight.errors import ExposightError, InputError, NumericalError, SensorError
+from exposight.errors import ExposightError, InputError
 from exposight.observing import (
     Observation,
     ObservationTable,
@@ -34,22 +30,24 @@ from exposight.observing import (
     point_search,
     view_features,
 )
+from exposight.twin.active_stereo import DOT_LIGHT, DotSensor
 from exposight.twin.door import door
 from exposight.twin.light import LightModel
 from exposight.twin.planned_views import PlannedView, views
 from exposight.twin.scene_files import read_scene
+from exposight.twin.simulation_record import keep_record
 from exposight.twin.structured_light import StripeSensor, ring_boxes
 from exposight.twin.tracing import SceneTracer
+from exposight.twin.workers import run_tasks
 
 if TYPE_CHECKING:
     from exposight.twin.optics import Lighting
     from exposight.twin.plan import MeasuringPlan
     from exposight.twin.scene import Scene
 
-__all__ = ["CellSettings", "simulate", "simulate_observations"]
+__all__ = ["CellSettings", "scene_at", "simulate", "simulate_observations"]
 
 Progress = Callable[[int, int], None]
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +58,8 @@ class CellSettings:
     ----------
     rings_only : bool
         Trace and decode only the neighbourhoods of the features' rings: p_norm and i_avg are the
-        same as from whole frames, images are black and clouds empty elsewhere.
+        same as from whole frames, images are black and clouds empty elsewhere. Not for stereo
+        sensors, whose matching weighs whole rows.
     workers : int
         Processes that work at the same time; 1 stays in this one.
     scene : Path or None
@@ -127,19 +126,30 @@ def simulate(
     """
     settings = settings or CellSettings()
     folder = Path(folder)
-    whole_part, sensor = _scene(settings.scene).part, sensor_preset(plan.sensor)
-    planned = views(plan, whole_part, sensor)
+    _check_rings(plan, settings)
+    scene, sensor = scene_at(settings.scene), sensor_preset(plan.sensor)
+    planned = views(plan, scene.part, sensor)
     numbers = _numbers(planned)
     with CampaignWriter.open_or_create(
-        folder, name=plan.name, sensor=sensor, part=plan.observed_part(whole_part)
+        folder, name=plan.name, sensor=sensor, part=plan.observed_part(scene.part)
     ) as writer:
+        keep_record(
+            folder,
+            plan=plan,
+            scene=scene,
+            rings_only=settings.rings_only,
+            n_captures=len(writer.keys),
+        )
         there = _captures_there(writer, numbers, folder)
         tasks = _tasks(plan, planned, settings, there)
         done = len(there)
         _tell(progress, done, len(numbers))
-        for task, _ in _run(partial(_write_view, folder, numbers), tasks, settings.workers):
-            done += len(task.exposures_ms)
-            _tell(progress, done, len(numbers))
+        work = partial(_write_view, folder, numbers)
+        # Closed before the writer is, whatever happens: no worker may outlive the lock.
+        with closing(run_tasks(work, tasks, settings.workers)) as results:
+            for task, _ in results:
+                done += len(task.exposures_ms)
+                _tell(progress, done, len(numbers))
     return CampaignFolder(folder)
 
 
@@ -172,17 +182,39 @@ def simulate_observations(
         If a worker process died.
     """
     settings = settings or CellSettings()
-    planned = views(plan, _scene(settings.scene).part, sensor_preset(plan.sensor))
+    _check_rings(plan, settings)
+    planned = views(plan, scene_at(settings.scene).part, sensor_preset(plan.sensor))
     tasks = _tasks(plan, planned, settings, there=frozenset())
     rows: dict[str, list[Observation]] = {}
     total, done = sum(len(task.exposures_ms) for task in tasks), 0
     _tell(progress, done, total)
-    for task, observed in _run(_observe_view, tasks, settings.workers):
-        rows[task.view.name] = observed
-        done += len(task.exposures_ms)
-        _tell(progress, done, total)
+    with closing(run_tasks(_observe_view, tasks, settings.workers)) as results:
+        for task, observed in results:
+            rows[task.view.name] = observed
+            done += len(task.exposures_ms)
+            _tell(progress, done, total)
     ordered = [row for view in planned for row in rows[view.name]]
     return ObservationTable.from_observations(ordered)
+
+
+def scene_at(folder: Path | None) -> Scene:
+    """Return the scene in a folder, or the door; read once.
+
+    Raises
+    ------
+    FileError, InputError
+        As for `read_scene`.
+    """
+    return _scene(None if folder is None else Path(folder).resolve())
+
+
+def _check_rings(plan: MeasuringPlan, settings: CellSettings) -> None:
+    if settings.rings_only and _is_stereo(plan.sensor):
+        msg = (
+            f"plan {plan.name!r}: sensor {plan.sensor!r} matches whole images, so it cannot take "
+            "rings only; take whole frames"
+        )
+        raise InputError(msg)
 
 
 def _tell(progress: Progress | None, done: int, total: int) -> None:
@@ -226,76 +258,61 @@ def _tasks(
     return tasks
 
 
-def _run(
-    work: Callable[[_ViewTask], _Result], tasks: list[_ViewTask], workers: int
-) -> Iterator[tuple[_ViewTask, _Result]]:
-    """Do tasks, several at a time, and yield them with their results as they are done."""
-    if workers == 1 or len(tasks) <= 1:
-        yield from ((task, work(task)) for task in tasks)
-        return
-    # Fresh processes: forking one that has run compiled threads can hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        max_workers=min(workers, len(tasks)), mp_context=context, initializer=_one_thread
-    ) as pool:
-        try:
-            futures = {pool.submit(work, task): task for task in tasks}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenProcessPool as error:
-            msg = (
-                "a worker process died (out of memory, or killed); what was captured is kept: run "
-                "again to go on, with fewer workers if memory was short"
-            )
-            raise NumericalError(msg) from error
-        except BaseException:  # an interrupt too: do not begin what is still waiting
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _one_thread() -> None:
-    """Keep a worker's compiled loops to one core: its siblings have the others."""
-    numba.set_num_threads(1)
-
-
 def _write_view(folder: Path, numbers: dict[CaptureKey, int], task: _ViewTask) -> int:
     sensor = sensor_preset(task.plan.sensor)
-    for capture in _captures(task):
-        capture.check_fits(sensor)
-        write_numbered_capture(folder, numbers[capture.key], capture)
+    with _naming(task):
+        for capture in _captures(task):
+            capture.check_fits(sensor)
+            write_numbered_capture(folder, numbers[capture.key], capture)
     return len(task.exposures_ms)
 
 
 def _observe_view(task: _ViewTask) -> list[Observation]:
     sensor = sensor_preset(task.plan.sensor)
-    part = task.plan.observed_part(_scene(task.settings.scene).part)
-    seen = view_features(part, sensor, task.view.reported_camera_from_part)
+    part = task.plan.observed_part(scene_at(task.settings.scene).part)
     rows = []
-    for capture in _captures(task):
-        rows.extend(observe_capture(capture, seen, point_search(capture.cloud, sensor.camera)))
+    with _naming(task):
+        seen = view_features(part, sensor, task.view.reported_camera_from_part)
+        for capture in _captures(task):
+            search = point_search(capture.cloud, sensor.camera)
+            rows.extend(observe_capture(capture, seen, search))
     return rows
 
 
-def _captures(task: _ViewTask) -> Iterator[Capture]:
-    """Take a view's captures, one after the other; errors name the view."""
-    plan, view, settings = task.plan, task.view, task.settings
+@contextmanager
+def _naming(task: _ViewTask) -> Iterator[None]:
+    """Name plan and view in the messages of errors."""
     try:
-        tracer = _tracer(settings.scene)
-        simulated = _simulated_sensor(plan.sensor, plan.lighting)
-        boxes = None
-        if settings.rings_only:
-            part = plan.observed_part(_scene(settings.scene).part)
-            boxes = ring_boxes(part, simulated.sensor, view.reported_camera_from_part)
-        light = simulated.look(tracer, view.true_camera_from_part, boxes)
-        for exposure_ms in task.exposures_ms:
-            taken = simulated.capture(
-                light, exposure_ms, view=view.name, seed=(*view.seed, round(1000 * exposure_ms))
-            )
-            notes = "; ".join(filter(None, (view.notes, taken.notes)))
-            yield replace(taken, camera_from_part=view.reported_camera_from_part, notes=notes)
+        yield
     except ExposightError as error:
-        msg = f"plan {plan.name!r}, view {view.name!r}: {error}"
+        msg = f"plan {task.plan.name!r}, view {task.view.name!r}: {error}"
         raise type(error)(msg) from error
+
+
+def _captures(task: _ViewTask) -> Iterator[Capture]:
+    """Take a view's captures, one after the other."""
+    view = task.view
+    take = _look(task.plan, view, task.settings)
+    for exposure_ms in task.exposures_ms:
+        seed = (*view.seed, round(1000 * exposure_ms))
+        taken = take(exposure_ms, view=view.name, seed=seed)
+        notes = "; ".join(filter(None, (view.notes, taken.notes)))
+        yield replace(taken, camera_from_part=view.reported_camera_from_part, notes=notes)
+
+
+def _look(plan: MeasuringPlan, view: PlannedView, settings: CellSettings) -> Callable[..., Capture]:
+    """Trace a view; what is returned takes it at an exposure time (``StripeSensor.capture``)."""
+    tracer = _tracer(settings.scene)
+    simulated = _simulated_sensor(plan.sensor, plan.lighting)
+    if isinstance(simulated, DotSensor):
+        dots = simulated.look(tracer, view.true_camera_from_part)
+        return partial(simulated.capture, dots)
+    boxes = None
+    if settings.rings_only:
+        part = plan.observed_part(scene_at(settings.scene).part)
+        boxes = ring_boxes(part, simulated.sensor, view.reported_camera_from_part)
+    stripes = simulated.look(tracer, view.true_camera_from_part, boxes)
+    return partial(simulated.capture, stripes)
 
 
 @lru_cache(maxsize=2)
@@ -305,16 +322,16 @@ def _scene(folder: Path | None) -> Scene:
 
 @lru_cache(maxsize=2)
 def _tracer(folder: Path | None) -> SceneTracer:
-    return SceneTracer(_scene(folder))
+    return SceneTracer(scene_at(folder))
+
+
+def _is_stereo(preset: str) -> bool:
+    return len(sensor_preset(preset).cameras) > 1
 
 
 @lru_cache(maxsize=4)
-def _simulated_sensor(preset: str, lighting: Lighting) -> StripeSensor:
+def _simulated_sensor(preset: str, lighting: Lighting) -> StripeSensor | DotSensor:
     sensor = sensor_preset(preset)
-    if len(sensor.cameras) > 1:
-        msg = (
-            f"sensor {preset!r} has {len(sensor.cameras)} cameras; campaigns of the simulated cell "
-            "are of structured-light sensors with one"
-        )
-        raise SensorError(msg)
+    if _is_stereo(preset):
+        return DotSensor(sensor=sensor, light=replace(DOT_LIGHT, lighting=lighting))
     return StripeSensor(sensor=sensor, light=LightModel(lighting=lighting))

@@ -1,0 +1,89 @@
+"""Measuring plans that the command line is given, and those that it knows by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from exposight.cli.output import count, number, print_json, print_table
+from exposight.errors import InputError
+from exposight.twin.plan import DepthPlane
+from exposight.twin.plan_file import read_plan
+from exposight.twin.plan_presets import PLANS
+
+if TYPE_CHECKING:
+    from exposight.twin.plan import MeasuringPlan
+
+__all__ = ["plan_from", "print_plans"]
+
+
+def plan_from(name_or_path: str) -> MeasuringPlan:
+    """Return the measuring plan that a preset's name or a TOML file describes.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    FileError
+        If the file is not a plan.
+    """
+    if name_or_path in PLANS:
+        return PLANS[name_or_path]
+    path = Path(name_or_path)
+    if path.is_file() or path.suffix.lower() == ".toml":
+        return read_plan(path)
+    msg = f"no measuring plan '{name_or_path}': expected a TOML file, or one of {', '.join(PLANS)}"
+    raise InputError(msg)
+
+
+def _positions(plan: MeasuringPlan) -> list[int]:
+    """Return how many positions each group of views has."""
+    return [
+        len(group.x_mm) * len(group.y_mm) if isinstance(group, DepthPlane) else group.count
+        for group in plan.groups
+    ]
+
+
+def print_plans(*, as_json: bool) -> None:
+    """Print the plans that have a name, or a JSON document of them."""
+    documents: list[dict[str, object]] = []
+    rows = []
+    for plan in PLANS.values():
+        positions = _positions(plan)
+        captures = sum(
+            n * len(group.exposures_ms) for n, group in zip(positions, plan.groups, strict=True)
+        )
+        exposures = [t for group in plan.groups for t in group.exposures_ms]
+        documents.append(
+            {
+                "plan": plan.name,
+                "sensor": plan.sensor,
+                "side": plan.side,
+                "lighting": plan.lighting,
+                "features": plan.features,
+                "positions": sum(positions),
+                "captures": captures,
+                "exposures_ms": {"min": min(exposures), "max": max(exposures)},
+            }
+        )
+        rows.append(
+            (
+                plan.name,
+                plan.sensor,
+                plan.side,
+                plan.lighting,
+                str(len(plan.features)),
+                count(sum(positions)),
+                count(captures),
+                f"{number(min(exposures))}–{number(max(exposures))}",
+            )
+        )
+    if as_json:
+        print_json({"plans": documents})
+        return
+    print_table(
+        ("plan", "sensor", "side", "light", "fea-\ntures", "views", "captures", "exposures\nms"),
+        rows,
+        title="Measuring plans (the few views that see none of their features are left out)",
+        words=("side",),
+    )

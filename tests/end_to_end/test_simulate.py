@@ -1,0 +1,278 @@
+"""``exposight simulate``: a box with a hole's ring on it, measured from two views."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import trimesh
+
+from exposight.cell import CampaignFolder, Feature, Part, read_sensor, sensor_preset
+from exposight.geometry import RigidTransform
+from exposight.observing import read_observations
+from exposight.twin.door import door
+from exposight.twin.plan_presets import PLANS
+from exposight.twin.scene import Scene
+from exposight.twin.scene_files import export_scene, read_scene
+
+PLAN = """
+format = "exposight measuring plan"
+version = 1
+name = "box"
+sensor = "comet-pro-ae"
+features = ["spot", "aside"]
+reference = "spot"
+blind_views = "skip"
+
+[[planes]]
+name = "middle"
+z_tcp_mm = 0
+x_mm = [-40, 40]
+y_mm = [0]
+exposures_ms = [50, 150]
+"""
+
+
+def spot(name, x_mm):
+    pose = RigidTransform(translation_mm=np.array([x_mm, 0.0, 0.0]))
+    return Feature(name=name, kind="surface_point", part_from_feature=pose, radius_mm=6.0)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A primed plate in the plane z = 0; one of its features is never in the frame."""
+    mesh = trimesh.creation.box(extents=(900.0, 60.0, 4.0)).subdivide_to_size(60.0)
+    features = (spot("spot", 0.0), spot("aside", -420.0))
+    folder = tmp_path_factory.mktemp("box")
+    export_scene(
+        folder,
+        Scene(
+            vertices=np.add(mesh.vertices, [0, 0, 2]),
+            faces=mesh.faces,
+            face_finish=np.ones(len(mesh.faces), dtype=np.uint8),
+            part=Part(name="box", features=features),
+        ),
+        sensor_preset("comet-pro-ae"),
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "box.toml"
+    path.write_text(PLAN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def options(scene):
+    return ("--scene", scene, "--rings-only", "--workers", 1)
+
+
+@pytest.fixture(scope="module")
+def simulated(plan, options, run_json, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulated") / "box"
+    return folder, run_json("simulate", plan, "-o", folder, *options)
+
+
+def test_a_plan_becomes_a_campaign(simulated):
+    folder, told = simulated
+    assert len(CampaignFolder(folder)) == 4
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    expected = {
+        "plan": "box",
+        "sensor": "comet-pro-ae",
+        "part": "door",
+        "rings_only": True,
+        "workers": 1,
+        "views": 2,
+        "views_aligned_by_kinematics": 0,
+        "views_of_feature": {"spot": 2, "aside": 0},
+        "captures": 4,
+        "captures_before": 0,
+        "exposures_ms": {"min": 50, "max": 150},
+        "bytes": size,
+        "campaign": str(folder),
+    }
+    assert {key: told[key] for key in expected} == expected
+
+
+def test_the_campaign_is_observed_like_a_recorded_one(simulated, run_json, tmp_path):
+    folder, _ = simulated
+    told = run_json("observe", folder, "-o", tmp_path / "o.csv")
+    assert told["visibility"] == {"visible": 4, "out of frame": 4}
+    assert told["ranges"]["p_norm"]["max"] > 0.95
+
+
+def test_observing_at_once_gives_the_same_table(simulated, plan, options, run, run_json, tmp_path):
+    folder, _ = simulated
+    run("observe", folder, "-o", tmp_path / "after.csv")
+    at_once = tmp_path / "at-once.csv"
+    told = run_json("simulate", plan, "--observe", "-o", at_once, *options)
+    assert read_observations(at_once).frame.equals(read_observations(tmp_path / "after.csv").frame)
+    assert told["rows"] == 8
+    assert told["observations"] == str(at_once)
+
+
+def test_people_are_told_what_was_taken_and_what_comes_next(plan, options, run, tmp_path):
+    folder = tmp_path / "box"
+    result = run("simulate", plan, "-o", folder, *options)
+    assert result.exit_code == 0, result.stderr
+    lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert lines[:5] == [
+        "box: part door, comet-pro-ae",
+        "captures 4 of the rings",
+        "views 2, of which 0 aligned by kinematics",
+        "features 1 of 2 seen, 1 a view on average",
+        "exposure times 50 to 150 ms",
+    ]
+    assert "note: no view sees aside" in lines
+    assert lines[-1] == f"next: exposight observe {folder}"
+    assert result.stderr == "simulating box …\n"
+
+
+def test_the_same_command_goes_on(simulated, plan, options, run_json, tmp_path):
+    folder = tmp_path / "box"
+    shutil.copytree(simulated[0], folder)
+    shutil.rmtree(folder / "captures" / "000002")
+    assert run_json("simulate", plan, "-o", folder, *options)["captures_before"] == 3
+    assert len(CampaignFolder(folder)) == 4
+
+
+def test_a_preset_is_known_by_name_and_exported_for_other_programs(run_json, tmp_path):
+    told = run_json("simulate", "stereo-x", "--export-scene", tmp_path / "scene")
+    scene = read_scene(tmp_path / "scene")
+    assert told["triangles"] == len(scene.faces) == len(door().faces)
+    assert told["features"] == len(scene.part.features)
+    assert (
+        read_sensor(tmp_path / "scene" / "sensor.json").name == sensor_preset("rc-visard-65").name
+    )
+
+
+def test_plans_are_listed(run, run_json):
+    listed = run("simulate", "--list").stdout
+    assert all(name in listed for name in PLANS)
+    plans = {plan["plan"]: plan for plan in run_json("simulate", "--list")["plans"]}
+    assert plans["x"]["captures"] == 480  # as in the paper's Table 9
+    assert plans["x-out"]["positions"] == 14
+
+
+# -- what cannot be -----------------------------------------------------------------------------
+
+
+def error_of(result):
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    return result.stderr.splitlines()[-1]
+
+
+def test_an_unknown_plan(run):
+    message = error_of(run("simulate", "y"))
+    assert "no measuring plan 'y': expected a TOML file, or one of x-near, x-middle" in message
+
+
+def test_a_missing_plan_file(run, tmp_path):
+    assert "y.toml: no such measuring plan" in error_of(run("simulate", tmp_path / "y.toml"))
+
+
+def test_a_plan_with_an_unknown_key(run, tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN.replace("blind_views", "blind_view"), encoding="utf-8")
+    assert "key 'blind_view' is unknown" in error_of(run("simulate", path))
+
+
+def test_a_plan_that_sees_nothing(run, tmp_path, options):
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN.replace("[-40, 40]", "[900]"), encoding="utf-8")
+    message = error_of(run("simulate", path, "-o", tmp_path / "c", *options))
+    assert "plan 'box': none of its views sees any of spot, aside" in message
+
+
+def test_rings_of_a_stereo_sensor(run, tmp_path):
+    message = error_of(run("simulate", "stereo-x", "--rings-only", "-o", tmp_path))
+    assert "it cannot take rings only; take whole frames" in message
+
+
+def test_the_folder_of_another_plan(simulated, plan, options, run, tmp_path):
+    path = tmp_path / "other.toml"
+    path.write_text(PLAN.replace("version = 1", "version = 1\nseed = 5"), encoding="utf-8")
+    message = error_of(run("simulate", path, "-o", simulated[0], *options))
+    assert "another plan, differing in seed" in message
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("table.xlsx", "ends in .csv or .parquet"), ("none/table.csv", "does not exist; make it")],
+)
+def test_a_table_that_cannot_be_written_is_told_at_once(name, message, plan, run, tmp_path):
+    result = run("simulate", plan, "--observe", "-o", tmp_path / name)
+    assert message in error_of(result)
+    assert "simulating" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [([], "give a measuring plan: a TOML file"), (["x", "--workers", "0"], "workers")],
+)
+def test_a_wrong_call_ends_with_status_two(arguments, told, run):
+    result = run("simulate", *arguments)
+    assert result.exit_code == 2
+    assert told in " ".join(result.stderr.replace("│", " ").split())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+@pytest.mark.parametrize(
+    ("observe", "moment"), [(False, "workers start"), (False, "captures are taken"), (True, "")]
+)
+def test_ctrl_c_says_what_is_kept(observe, moment, scene, tmp_path):
+    """As a terminal does it: the signal reaches the workers, too."""
+    many = tmp_path / "many.toml"
+    exposures = ", ".join(map(str, range(10, 200)))
+    many.write_text(PLAN.replace("50, 150", exposures), encoding="utf-8")
+    output = tmp_path / ("o.csv" if observe else "campaign")
+    words = ["simulate", many, "-o", output, "--scene", scene, "--rings-only", "--workers", 2]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "exposight", *map(str, words), *(["--observe"] * observe)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONIOENCODING": "utf-8"},
+        start_new_session=True,
+    )
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("simulating")
+        if moment == "workers start":
+            time.sleep(0.5)
+        elif moment:
+            deadline = time.monotonic() + 60
+            while not any((output / "captures").glob("0*")):
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert stdout == ""
+    (line,) = stderr.splitlines()
+    if observe:
+        assert line.endswith("without it, captures are kept and the same command goes on")
+        assert not output.exists()
+    else:
+        kept = len(CampaignFolder(output))
+        assert line == (
+            f"error: stopped by Ctrl-C; {kept} of 380 captures are kept in {output}, and the same "
+            "command goes on"
+        )
+
+
+def test_errors_are_one_json_object_for_machines(run):
+    result = run("simulate", "y", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["error"]["type"] == "InputError"
