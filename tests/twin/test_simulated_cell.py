@@ -203,7 +203,7 @@ def test_a_run_killed_at_random_moments_goes_on_to_the_same_bytes(tmp_path, alon
         process.stdout.readline()  # the first report: it is about to begin
         begun = sum(1 for _ in (folder / "captures").iterdir())
         deadline = time.monotonic() + 60
-        while sum(1 for _ in (folder / "captures").iterdir()) == begun:
+        while sum(1 for _ in (folder / "captures").iterdir()) == begun and process.poll() is None:
             assert time.monotonic() < deadline
             time.sleep(0.001)
         time.sleep(moments.uniform(0.0, 0.1))
