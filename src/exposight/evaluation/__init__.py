@@ -1,4 +1,4 @@
-"""Pure statistics: metrics of a regression, and splits of its observations."""
+"""Pure statistics: metrics of a regression, splits of its observations, dependence."""
 
 from exposight.evaluation.metrics import (
     RegressionScore,
@@ -10,6 +10,10 @@ from exposight.evaluation.metrics import (
     rmse,
     score,
 )
+from exposight.evaluation.mic import (
+    maximal_information_coefficient,
+    maximal_information_matrix,
+)
 from exposight.evaluation.splits import Split, inside_box, random_split, split_by_group
 
 __all__ = [
@@ -18,6 +22,8 @@ __all__ = [
     "coverage",
     "inside_box",
     "mae",
+    "maximal_information_coefficient",
+    "maximal_information_matrix",
     "mse",
     "negative_log_predictive_density",
     "r2",
