@@ -177,11 +177,13 @@ def test_a_missing_calibration(tmp_path, failing):
 def test_a_file_that_nobody_knows(tmp_path, failing):
     path = tmp_path / "notes.doc"
     path.write_text("…", encoding="utf-8")
-    assert "it knows a campaign's folder, a model" in failing("info", path)
+    message = failing("info", path)
+    assert "it knows a campaign's folder, a model" in message
+    assert "a measuring plan (.toml, .yaml, .yml or a name" in message
 
 
 def test_a_missing_file(tmp_path, failing):
-    assert "no such file or folder" in failing("info", tmp_path / "none.ply")
+    assert "no such file or folder, nor a measuring plan" in failing("info", tmp_path / "none.ply")
 
 
 def test_a_table_of_something_else(tmp_path, failing):

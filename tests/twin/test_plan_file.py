@@ -1,4 +1,4 @@
-"""Measuring plans in TOML: short forms, round trips, and files that are no plans."""
+"""Measuring plans in TOML and YAML: short forms, round trips, and files that are no plans."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from exposight.twin.plan_file import (
     even_positions,
     logarithmic_exposures,
     plan_from_toml,
+    plan_from_yaml,
     plan_to_toml,
     read_plan,
     write_plan,
@@ -177,3 +178,113 @@ def test_a_wrong_file_says_what_is_wrong(old, new, message):
 def test_a_newer_file_asks_for_an_update():
     with pytest.raises(VersionError, match="update exposight"):
         plan_from_toml(TEXT.replace("version = 1", "version = 2"))
+
+
+YAML = """
+# the same plan
+format: exposight measuring plan
+version: 1
+name: two planes
+sensor: comet-pro-ae
+features: [f1, f2]
+reference: f1
+seed: 4
+alignment:
+  kinematic_max_mm: 3
+planes:
+  - name: near
+    z_tcp_mm: -165
+    x_mm: { first: -135, last: 135, count: 4 }
+    y_mm:
+      - -100
+      - 0.5
+    exposures_ms: { first: 5, last: 1e2, count: 10 }
+    kinematic_share: 0.25
+random:
+  - name: random
+    count: 5
+    x_mm: [-30, 30]
+    y_mm: [-20, 20]
+    z_tcp_mm: [-10, 10]
+    exposures_ms: [15, 40]
+"""
+
+
+def test_yaml_and_toml_give_the_same_plan():
+    assert plan_from_yaml(YAML) == plan_from_toml(TEXT)
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".yml", ".YAML"])
+def test_the_suffix_says_that_a_file_is_yaml(suffix, tmp_path):
+    path = tmp_path / f"plan{suffix}"
+    path.write_text(YAML, encoding="utf-8")
+    assert read_plan(path) == plan_from_yaml(YAML)
+
+
+def test_another_suffix_is_refused(tmp_path):
+    path = tmp_path / "plan.txt"
+    path.write_text(YAML, encoding="utf-8")
+    with pytest.raises(FormatError, match=r"ends in \.toml, \.yaml, \.yml, got '\.txt'"):
+        read_plan(path)
+
+
+def test_plans_are_not_written_as_yaml(tmp_path):
+    with pytest.raises(FormatError, match="plans are written in TOML"):
+        write_plan(tmp_path / "plan.yaml", PLANS["x"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seed: 4", "sead: 4", "the measuring plan: key 'sead' is unknown"),
+        ("seed: 4", "seed: 4\nseed: 5", r"key 'seed' is there twice \(at line 10, column 1\)"),
+        ("[f1, f2]", "[f1, f2", r"not the plain YAML .*expected ',' or ']'.*line 8"),
+        ("seed: 4", "seed: 'four'", "key 'seed': .*valid integer"),
+        ("seed: 4", "seed: 4: 5", "mapping values are not allowed here"),
+        ("seed: 4", "seed:", "key 'seed': .*valid integer, got 'None'"),
+        ("z_tcp_mm: -165", "z_tcp_mm: .nan", "z_tcp_mm': Input should be a finite number"),
+        ("z_tcp_mm: -165", "z_tcp_mm: 1:30", "z_tcp_mm': Input should be a valid number"),
+        ("z_tcp_mm: -165", "z_tcp_mm: 2024-01-01", "z_tcp_mm': Input should be a valid number"),
+        ("[15, 40]", "[yes]", r"exposures_ms\.list\.0': Input should be a valid number"),
+        ("f1, f2", "f1, !!python/name:os.system x", "tag .*os.system is not allowed"),
+        ("[f1, f2]", "&all [f1, f2]\nside: *all", r"alias \*all is not allowed"),
+        ("features: [f1, f2]", "? [f1, f2]\n: 1", "a key must be a plain name"),
+        ("# the same plan", "a: 1\n---", "expected a single document"),
+        ("# the same plan", "%YAML:1.0\n---", "not the plain YAML of a plan"),
+        ("# the same plan", "\0", "unacceptable character"),
+    ],
+)
+def test_a_wrong_yaml_file_says_what_is_wrong(old, new, message):
+    assert old in YAML
+    with pytest.raises(FormatError, match=message):
+        plan_from_yaml(YAML.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "must hold keys and values, got NoneType"), ("- f1\n- f2\n", "got list")],
+)
+def test_yaml_without_keys_is_no_plan(text, message):
+    with pytest.raises(FormatError, match=message):
+        plan_from_yaml(text)
+
+
+def test_leading_zeros_do_not_make_a_number_octal():
+    assert plan_from_yaml(YAML.replace("seed: 4", "seed: 010")).seed == 10
+
+
+def test_a_file_that_would_unfold_to_billions_of_values_is_refused():
+    levels = [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12)]
+    bomb = "\n".join(["a0: &a0 [1, 2, 3]", *levels])
+    with pytest.raises(FormatError, match=r"alias \*a0 is not allowed"):
+        plan_from_yaml(YAML + bomb)
+
+
+@pytest.mark.parametrize("read", [plan_from_toml, plan_from_yaml])
+@pytest.mark.parametrize(
+    "nested", ["[" * 9000, "9" * 9000], ids=["nested a thousandfold", "of thousands of digits"]
+)
+def test_a_value_beyond_all_measure_is_refused(read, nested):
+    key = "features = " if read is plan_from_toml else "features: "
+    with pytest.raises(FormatError, match=r"nested too deeply|digits"):
+        read(key + nested)

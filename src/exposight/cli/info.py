@@ -1,4 +1,4 @@
-"""``exposight info``: what a file or folder is."""
+"""``exposight info``: what a file, folder or named plan is."""
 
 from __future__ import annotations
 
@@ -10,19 +10,26 @@ import typer
 from exposight.cli.output import JsonOption, print_facts, print_json
 from exposight.cli.recognise import recognise
 
-_File = Annotated[Path, typer.Argument(metavar="FILE", help="Any file or folder of the method.")]
+_File = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE", help="Any file or folder of the method, or a measuring plan's name."
+    ),
+]
 
 
 def info_command(file: _File, as_json: JsonOption = False) -> None:
     """Say what a file or folder is, and what is in it.
 
     Knows campaigns, models, sensors, feature lists, observation tables, point
-    clouds, images and folders of frames, calibrations and pattern sequences.
-    Campaigns and models are verified against their checksums.
+    clouds, images and folders of frames, calibrations, pattern sequences and
+    measuring plans. Campaigns and models are verified against their checksums.
 
     For example:
 
       exposight info models/q_k4.exposight-model
+
+      exposight info small
     """
     found = recognise(file)
     if as_json:

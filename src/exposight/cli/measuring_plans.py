@@ -5,20 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exposight.cli.facts import Recognised, fact
 from exposight.cli.output import count, number, print_json, print_table
 from exposight.errors import InputError
 from exposight.twin.plan import DepthPlane
-from exposight.twin.plan_file import read_plan
+from exposight.twin.plan_file import PLAN_FORMAT, PLAN_SUFFIXES, read_plan
 from exposight.twin.plan_presets import PLANS
 
 if TYPE_CHECKING:
     from exposight.twin.plan import MeasuringPlan
 
-__all__ = ["plan_from", "print_plans"]
+__all__ = ["is_plan", "plan_from", "print_plans", "recognise_plan"]
 
 
 def plan_from(name_or_path: str) -> MeasuringPlan:
-    """Return the measuring plan that a preset's name or a TOML file describes.
+    """Return the measuring plan that a preset's name or a file describes.
 
     Raises
     ------
@@ -30,10 +31,60 @@ def plan_from(name_or_path: str) -> MeasuringPlan:
     if name_or_path in PLANS:
         return PLANS[name_or_path]
     path = Path(name_or_path)
-    if path.is_file() or path.suffix.lower() == ".toml":
+    if path.is_file() or path.suffix.lower() in PLAN_SUFFIXES:
         return read_plan(path)
-    msg = f"no measuring plan '{name_or_path}': expected a TOML file, or one of {', '.join(PLANS)}"
+    msg = (
+        f"no measuring plan '{name_or_path}': expected a TOML or YAML file, or one of "
+        f"{', '.join(PLANS)}"
+    )
     raise InputError(msg)
+
+
+def is_plan(path: Path) -> bool:
+    """Tell whether a TOML or YAML file is meant as a measuring plan."""
+    return PLAN_FORMAT in path.read_text(encoding="utf-8", errors="replace")
+
+
+def recognise_plan(plan: MeasuringPlan, remark: str = "") -> Recognised:
+    """Describe a measuring plan.
+
+    Parameters
+    ----------
+    plan : MeasuringPlan
+        The plan.
+    remark : str
+        Where it comes from, if not from a file.
+    """
+    positions = dict(zip((group.name for group in plan.groups), _positions(plan), strict=True))
+    exposures = {group.name: group.exposures_ms for group in plan.groups}
+    captures = sum(n * len(exposures[name]) for name, n in positions.items())
+    per_group = ", ".join(f"{name} {count(n)}" for name, n in positions.items())
+    # Which views see no feature depends on the part, which is not known here.
+    at_most = "at most " if plan.blind_views == "skip" else ""
+    return Recognised(
+        kind="measuring plan",
+        remark=remark,
+        facts=(
+            fact("name", plan.name),
+            fact("sensor", plan.sensor),
+            fact("side", plan.side),
+            fact("lighting", plan.lighting),
+            fact("features", plan.features, f"{len(plan.features)}: {', '.join(plan.features)}"),
+            fact("reference", plan.reference),
+            fact("views", positions, f"{at_most}{count(sum(positions.values()))}: {per_group}"),
+            fact("blind views", plan.blind_views),
+            fact(
+                "exposures ms",
+                exposures,
+                "\n".join(
+                    f"{name} {', '.join(f'{t:g}' for t in times)}"
+                    for name, times in exposures.items()
+                ),
+            ),
+            fact("captures", captures, at_most + count(captures)),
+            fact("seed", plan.seed),
+        ),
+    )
 
 
 def _positions(plan: MeasuringPlan) -> list[int]:

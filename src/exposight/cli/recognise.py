@@ -12,6 +12,7 @@ import numpy as np
 from exposight.cell import CLOUD_SUFFIXES, CampaignFolder, read_features, read_sensor
 from exposight.cli.facts import Fact, Recognised, camera_facts, fact, limits, short_unit, span
 from exposight.cli.hyperparameters import describe_hyperparameters
+from exposight.cli.measuring_plans import is_plan, recognise_plan
 from exposight.cli.output import count, number, progress_bars
 from exposight.cli.recordings import (
     CALIBRATION_SUFFIXES,
@@ -25,6 +26,8 @@ from exposight.cli.recordings import (
 from exposight.errors import FormatError, MissingFileError
 from exposight.models import MODEL_SUFFIX, is_model_file, load_model
 from exposight.observing import read_observations
+from exposight.twin.plan_file import PLAN_SUFFIXES, read_plan
+from exposight.twin.plan_presets import PLANS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +40,8 @@ _KNOWN = (
     "a campaign's folder, a model (.exposight-model), a sensor (.json), a feature list (.csv), an "
     "observation table (.csv, .parquet), a point cloud "
     f"({', '.join(CLOUD_SUFFIXES)}), an image or a folder of frames, a calibration "
-    "(OpenCV .xml, .yml, .yaml; ROS camera_info), a pattern sequence (.toml)"
+    "(OpenCV .xml, .yml, .yaml; ROS camera_info), a pattern sequence (.toml), a measuring plan "
+    f"({', '.join(PLAN_SUFFIXES)} or a name from simulate --list)"
 )
 
 
@@ -47,7 +51,7 @@ def recognise(path: Path) -> Recognised:
     Parameters
     ----------
     path : Path
-        The file or folder.
+        The file or folder; or, where there is none, the name of a measuring plan.
 
     Raises
     ------
@@ -61,11 +65,17 @@ def recognise(path: Path) -> Recognised:
     if path.is_dir():
         return _folder(path)
     if not path.is_file():
-        msg = f"{path}: no such file or folder"
+        named = PLANS.get(str(path))
+        if named is not None:
+            return recognise_plan(named, "known by name")
+        msg = f"{path}: no such file or folder, nor a measuring plan of that name"
         raise MissingFileError(msg)
     if path.suffix == MODEL_SUFFIX or is_model_file(path):
         return _model(path)
-    reader = _READERS.get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    if suffix in PLAN_SUFFIXES and is_plan(path):
+        return recognise_plan(read_plan(path))
+    reader = _READERS.get(suffix)
     if reader is None:
         raise _unknown(path)
     return reader(path)

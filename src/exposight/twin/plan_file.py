@@ -1,6 +1,6 @@
-"""Measuring plans as people write them, in TOML (``docs/formats.md``).
+"""Measuring plans as people write them, in TOML or YAML (``docs/formats.md``).
 
-::
+In TOML; YAML has the same keys::
 
     format = "exposight measuring plan"
     version = 1
@@ -34,6 +34,7 @@ from exposight.errors import FormatError, InputError, MissingFileError
 from exposight.twin.alignment import AlignmentErrors
 from exposight.twin.optics import Lighting
 from exposight.twin.plan import BlindViews, DepthPlane, MeasuringPlan, RandomPositions, Side
+from exposight.twin.plan_yaml import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,10 +43,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PLAN_FORMAT",
+    "PLAN_SUFFIXES",
     "PLAN_VERSION",
     "even_positions",
     "logarithmic_exposures",
     "plan_from_toml",
+    "plan_from_yaml",
     "plan_to_toml",
     "read_plan",
     "write_plan",
@@ -53,6 +56,7 @@ __all__ = [
 
 PLAN_FORMAT = "exposight measuring plan"
 PLAN_VERSION = 1
+PLAN_SUFFIXES = (".toml", ".yaml", ".yml")
 
 _LONGEST = 1000
 """Numbers in one list: more is a slip of the pen."""
@@ -216,27 +220,33 @@ def _exposures(
 
 
 def read_plan(path: str | Path) -> MeasuringPlan:
-    """Read a measuring plan from a TOML file.
+    """Read a measuring plan from a TOML or YAML file, told by its suffix.
 
     Raises
     ------
     MissingFileError
         If there is no such file.
     FormatError
-        If it is not TOML or not a plan, a key is unknown or missing, or a value is impossible.
+        If it is neither TOML nor YAML or not a plan, a key is unknown, missing or there twice, or
+        a value is impossible.
     VersionError
         If it was written for a newer version of exposight.
     """
     path = Path(path)
     if not path.is_file():
-        msg = f"{path}: no such measuring plan; expected a TOML file"
+        msg = f"{path}: no such measuring plan; expected a TOML or YAML file"
         raise MissingFileError(msg)
+    suffix = path.suffix.lower()
+    if suffix not in PLAN_SUFFIXES:
+        msg = f"{path}: a measuring plan ends in {', '.join(PLAN_SUFFIXES)}, got {path.suffix!r}"
+        raise FormatError(msg)
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        msg = f"{path} is not UTF-8 text; expected a measuring plan in TOML"
+        msg = f"{path} is not UTF-8 text; expected a measuring plan in TOML or YAML"
         raise FormatError(msg) from error
-    return plan_from_toml(text, source=str(path))
+    from_text = plan_from_toml if suffix == ".toml" else plan_from_yaml
+    return from_text(text, source=str(path))
 
 
 def plan_from_toml(text: str, *, source: str = "the measuring plan") -> MeasuringPlan:
@@ -255,14 +265,47 @@ def plan_from_toml(text: str, *, source: str = "the measuring plan") -> Measurin
         As for `read_plan`.
     """
     try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        raw: object = tomllib.loads(text)
+    except RecursionError as error:
+        msg = f"{source} is not TOML: it is nested too deeply"
+        raise FormatError(msg) from error
+    except ValueError as error:  # broken, or a number of thousands of digits
         msg = f"{source} is not TOML: {error}"
         raise FormatError(msg) from error
+    return _plan(raw, source)
+
+
+def plan_from_yaml(text: str, *, source: str = "the measuring plan") -> MeasuringPlan:
+    """Read a measuring plan from YAML (`exposight.twin.plan_yaml`), with the keys of TOML.
+
+    Parameters
+    ----------
+    text : str
+        The plan.
+    source : str
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    FormatError, VersionError
+        As for `read_plan`.
+    """
+    try:
+        raw = load_yaml(text)
+    except ValueError as error:
+        msg = f"{source} is not the plain YAML of a plan: {error}"
+        raise FormatError(msg) from error
+    return _plan(raw, source)
+
+
+def _plan(raw: object, source: str) -> MeasuringPlan:
+    if not isinstance(raw, dict):
+        msg = f"{source} must hold keys and values, got {type(raw).__name__}"
+        raise FormatError(msg)
     check_header(raw, format_name=PLAN_FORMAT, newest=PLAN_VERSION, source=source)
     # As JSON, so that types are checked as strictly as in every other file of exposight. JSON has
     # no dates; no key takes one, nor the object that stands for it here.
-    as_json = json.dumps(raw, default=lambda date: {"date": str(date)})
+    as_json = json.dumps(raw, default=lambda other: {"value": str(other)})
     document = validate(_PlanDocument, as_json, source)
     try:
         return document.build()
@@ -276,9 +319,14 @@ def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
 
     Raises
     ------
+    FormatError
+        If the file's name does not end in .toml.
     FileError
         If the disk refuses.
     """
+    if Path(path).suffix.lower() != ".toml":
+        msg = f"{path}: plans are written in TOML; give the file a name that ends in .toml"
+        raise FormatError(msg)
     write_durably(Path(path), plan_to_toml(plan).encode())
 
 

@@ -1,0 +1,83 @@
+"""Measuring plans on the command line: what info tells of them."""
+
+import pytest
+
+from exposight.twin.plan_file import write_plan
+from exposight.twin.plan_presets import PLANS
+
+YAML = """
+format: exposight measuring plan
+version: 1
+name: two groups
+sensor: comet-pro-ae
+features: [f1, f2]
+reference: f1
+planes:
+  - name: near
+    z_tcp_mm: -165
+    x_mm: { first: -135, last: 135, count: 4 }
+    y_mm: [-100, 0, 100]
+    exposures_ms: [5, 20.5, 80]
+random:
+  - { name: anywhere, count: 5, x_mm: [-9, 9], y_mm: [-9, 9], z_tcp_mm: [-9, 9], exposures_ms: [7] }
+"""
+
+
+@pytest.fixture
+def yaml_plan(tmp_path):
+    path = tmp_path / "plan.yaml"
+    path.write_text(YAML, encoding="utf-8")
+    return path
+
+
+def test_a_plan_in_yaml_is_recognised(yaml_plan, run_json):
+    told = run_json("info", yaml_plan)
+    assert told["kind"] == "measuring plan"
+    facts = told["facts"]
+    assert (facts["sensor"], facts["side"]) == ("comet-pro-ae", "inside")
+    assert facts["features"] == ["f1", "f2"]
+    assert facts["views"] == {"near": 12, "anywhere": 5}
+    assert facts["exposures_ms"] == {"near": [5.0, 20.5, 80.0], "anywhere": [7.0]}
+    assert facts["captures"] == 12 * 3 + 5
+
+
+def test_a_plan_is_the_same_by_name_and_as_toml(tmp_path, run_json):
+    path = tmp_path / "copy.toml"
+    write_plan(path, PLANS["small"])
+    by_name, by_file = run_json("info", "small"), run_json("info", path)
+    assert by_name["kind"] == by_file["kind"] == "measuring plan"
+    assert by_name["facts"] == by_file["facts"]
+
+
+def test_people_are_told_views_and_exposures_of_each_group(yaml_plan, run):
+    lines = run("info", yaml_plan).stdout.splitlines()
+    told = {line[2:14].strip(): line[16:].strip() for line in lines[1:]}
+    assert told["views"] == "17: near 12, anywhere 5"
+    assert told["exposures ms"] == "near 5, 20.5, 80"
+    assert told[""] == "anywhere 7"
+    assert told["captures"] == "41"
+
+
+def test_views_that_may_be_left_out_are_told(run):
+    shown = run("info", "x-test").stdout
+    assert "at most 48: near 16, middle 16, far 16" in shown
+    assert "at most 480" in shown
+
+
+def test_what_is_there_goes_before_a_plan_of_the_same_name(tmp_path, monkeypatch, run):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small").mkdir()
+    assert "small: not something that exposight knows" in run("info", "small").stderr
+
+
+def test_a_plan_that_is_wrong_is_told_as_one(yaml_plan, run):
+    yaml_plan.write_text(YAML.replace("reference", "refrence"), "utf-8")
+    result = run("info", yaml_plan)
+    assert result.exit_code == 1
+    assert f"{yaml_plan}: key 'reference' is missing; key 'refrence' is unknown" in result.stderr
+
+
+def test_a_yaml_file_of_something_else_is_no_plan(tmp_path, run_json):
+    path = tmp_path / "other.yaml"
+    path.write_text("gain: 3\n", encoding="utf-8")
+    assert run_json("info", path)["kind"] == "OpenCV file"
