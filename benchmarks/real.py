@@ -1,6 +1,6 @@
 """The whole way on recorded stripe images: decoding, observing, learning.
 
-Run with ``make bench NAME=real``. The recordings are found as `exposight demo` finds them.
+Run with ``make bench NAME=real``. The recordings are found by `exposight.demo.find_skull`.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from benchmarks.plate import flat_plate, holes_side_by_side, many_holes, plate_c
 from benchmarks.trimesh_search import TrimeshSearch
 from exposight.cell import MemoryCampaign, sensor_preset
 from exposight.demo import (
-    DemoSettings,
+    SkullSettings,
     decode_to_cloud,
     find_skull,
     read_skull,
-    run_demo,
+    run_skull,
 )
 from exposight.imaging import (
     compare_along_rays,
@@ -168,16 +168,15 @@ def observing_speed() -> list[Figure]:
     part = many_holes(500)
     campaign = MemoryCampaign(name="plate", sensor=sensor, part=part, captures=[capture])
     ours = best_of(5, lambda: observe_campaign(campaign))
-    loose = replace(
-        capture, cloud=replace(capture.cloud, points=capture.cloud.points.reshape(-1, 3))
-    )
+    cloud = capture.require_cloud()
+    loose = replace(capture, cloud=replace(cloud, points=cloud.points.reshape(-1, 3)))
     unorganised = MemoryCampaign(name="plate", sensor=sensor, part=part, captures=[loose])
     any_order = best_of(2, lambda: observe_campaign(unorganised))
     say("the same with trimesh's containment test")
     views = view_features(part, sensor, capture.camera_from_part)
-    peer = TrimeshSearch(capture.cloud.points)
+    peer = TrimeshSearch(cloud.points)
     counted = [r.n_points or 0 for r in observe_capture(capture, views, peer)]
-    exact = point_search(capture.cloud, sensor.camera).count(views)
+    exact = point_search(cloud, sensor.camera).count(views)
     difference = float(np.abs(np.array(counted) / exact - 1.0).max())
 
     def with_trimesh() -> None:
@@ -206,7 +205,7 @@ def learning(skull: Path) -> list[Figure]:
             say(f"  {stage}")
 
     with tempfile.TemporaryDirectory() as folder:
-        result = run_demo(Path(folder), skull, DemoSettings(), tell)
+        result = run_skull(Path(folder), skull, SkullSettings(), tell)
     scores = {r.model.specification.name: r.unseen.score for r in result.results}
     figures = [
         Figure(

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from exposight.cell import CampaignFolder
-from exposight.demo import DemoSettings, run_demo
+from exposight.demo import SkullSettings, run_skull
 from exposight.errors import InputError
 from exposight.models import load_model, model_named
 from exposight.observing import read_observations
 
-SETTINGS = DemoSettings(
+SETTINGS = SkullSettings(
     features=24,
     steps_per_decade=4,
     steps_each_way=3,
@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(real_data, folder):
-    return run_demo(folder, real_data / "skull", SETTINGS)
+    return run_skull(folder, real_data / "skull", SETTINGS)
 
 
 def test_both_sequences_agree_with_the_authors_cloud(result):
@@ -78,20 +78,20 @@ def test_what_was_found_is_on_disk(result, folder):
 
 def test_a_second_run_keeps_what_was_captured(result, real_data, folder):
     before = {path: path.stat().st_mtime_ns for path in (folder / "campaign").rglob("*.npz")}
-    run_demo(folder, real_data / "skull", SETTINGS)
+    run_skull(folder, real_data / "skull", SETTINGS)
     after = {path: path.stat().st_mtime_ns for path in (folder / "campaign").rglob("*.npz")}
     assert before == after
     assert len(CampaignFolder(folder / "campaign")) == 7
 
 
 def test_another_seed_does_not_mix_into_the_same_campaign(result, real_data, folder):
-    other = DemoSettings(features=24, seed=2, models=SETTINGS.models, workers=1)
+    other = SkullSettings(features=24, seed=2, models=SETTINGS.models, workers=1)
     before = (folder / "features.csv").read_bytes()
     with pytest.raises(InputError, match=r"choose another folder.*of another seed"):
-        run_demo(folder, real_data / "skull", other)
+        run_skull(folder, real_data / "skull", other)
     assert (folder / "features.csv").read_bytes() == before
 
 
-def test_settings_that_make_no_sense_are_refused(tmp_path):
+def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(InputError, match="at least 4 features"):
-        run_demo(tmp_path, settings=DemoSettings(features=2))
+        SkullSettings(features=2)

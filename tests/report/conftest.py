@@ -1,4 +1,4 @@
-"""A demonstration in miniature: a plate, four rings, three exposures, three small models."""
+"""Two demonstrations in miniature, on one plate: three exposures, small models."""
 
 import json
 from html.parser import HTMLParser
@@ -8,12 +8,23 @@ import numpy as np
 import pytest
 
 from exposight.cell import ActiveSensor, Capture, Cloud, Feature, MemoryCampaign, Part
-from exposight.demo import DemoResult, DemoSettings, ModelResult, SequenceCheck
+from exposight.demo import (
+    DoorMesh,
+    DoorResult,
+    DoorSettings,
+    ModelResult,
+    NewView,
+    SequenceCheck,
+    SkullResult,
+    SkullSettings,
+    forecast_view,
+)
+from exposight.evaluation import score
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
 from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
-from exposight.report import demo_report
+from exposight.report import door_report, skull_report
 
 EVIL = "<x>&\"'</script>"
 """A feature's name that would break a page which does not escape it."""
@@ -96,8 +107,8 @@ def result():
     train_features = frozenset({EVIL, "s003"})
     trains = np.isin(table.names("feature"), list(train_features))
     known, unseen = table.where(trains), table.where(~trains)
-    return DemoResult(
-        settings=DemoSettings(
+    return SkullResult(
+        settings=SkullSettings(
             features=4,
             steps_each_way=1,
             steps_per_decade=2,
@@ -121,7 +132,60 @@ def result():
 
 @pytest.fixture(scope="session")
 def page(result):
-    return demo_report(result)
+    return skull_report(result)
+
+
+@pytest.fixture(scope="session")
+def door_result(result):
+    """The same plate as if it were a door: every feature in view, three exposures taken."""
+    names = ("q_k1", "q_k4", "e_k1")
+    trains = np.isin(result.table.names("feature"), list(result.train_features))
+    known, unseen = result.table.where(trains), result.table.where(~trains)
+    results = tuple(_model_result(name, known, unseen, result.sensor) for name in names)
+    # Six inputs need more observations than two features have.
+    results += (_model_result("e_k6", result.table, unseen, result.sensor),)
+    models = {own.model.specification.name: own.model for own in results}
+    both = models["q_k4"], models["e_k6"]
+    taken = forecast_view(*both, result.views, _EXPOSURES_MS)
+    measured = result.table.array(["i_avg", "p_norm"]).reshape(3, 4, 2).transpose(2, 1, 0)
+    view = NewView(
+        position_mm=(40.0, 0.0, 70.0),
+        views=result.views,
+        choice=forecast_view(*both, result.views, (2.0, 5.0, 10.0, 20.0)),
+        chosen_ms=_EXPOSURES_MS[1],
+        taken=taken,
+        captures=result.sweep,
+        i_avg=measured[0],
+        p_norm=measured[1],
+        score=score(measured[1].ravel(), taken.p_norm.ravel(), taken.p_norm_std.ravel()),
+        field_of_view_mm=np.array([[-60.0, -45, 0], [60, -45, 0], [60, 45, 0], [-60, 45, 0]]),
+    )
+    corners = np.array([[-60, -45, 300], [60, -45, 300], [60, 45, 302], [-60, 45, 300]])
+    return DoorResult(
+        settings=DoorSettings(restarts=1),
+        output=Path("demo"),
+        sensor=result.sensor,
+        table=result.table,
+        train_features=result.train_features,
+        results=results,
+        n_views=1,
+        n_captures=3,
+        new_view=view,
+        mesh=DoorMesh(
+            vertices=corners.astype(np.float32),
+            faces=np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
+        ),
+    )
+
+
+@pytest.fixture(scope="session")
+def door_page(door_result):
+    return door_report(door_result)
+
+
+@pytest.fixture(scope="session")
+def read_door(door_page):
+    return PageReader(door_page)
 
 
 class PageReader(HTMLParser):

@@ -3,8 +3,8 @@ import base64
 import numpy as np
 import pytest
 
-from exposight.report.cloud_figure import ring_of_points
-from exposight.report.selection import object_crop, sample_cloud
+from exposight.report.skull_cloud import ring_of_points
+from exposight.report.skull_selection import object_crop, sample_cloud
 
 
 def _array(value):

@@ -5,13 +5,13 @@ import pytest
 
 from exposight.cell import Cloud
 from exposight.errors import CloudError, FileError, InputError
-from exposight.report import demo_report, write_demo_report
+from exposight.report import skull_report, write_report
 
 _LOADING = {"src", "srcset", "href", "action", "formaction", "data", "poster", "xlink:href"}
 
 
 def test_the_same_result_gives_the_same_bytes(result, page):
-    assert demo_report(result).encode() == page.encode()
+    assert skull_report(result).encode() == page.encode()
 
 
 def test_no_attribute_refers_to_an_address_outside(read_page):
@@ -89,29 +89,29 @@ def test_the_page_says_what_is_emulated_and_how_far_features_overlap(read_page):
     assert "share 12 % of their pixels with training rings" in text
 
 
-def test_write_puts_the_page_into_a_file(tmp_path, result, page):
-    write_demo_report(tmp_path / "report.html", result)
+def test_write_puts_the_page_into_a_file(tmp_path, page):
+    write_report(tmp_path / "report.html", page)
     assert (tmp_path / "report.html").read_bytes() == page.encode()
 
 
-def test_write_says_that_the_folder_is_missing(tmp_path, result):
+def test_write_says_that_the_folder_is_missing(tmp_path, page):
     with pytest.raises(FileError, match="does not exist; make it first"):
-        write_demo_report(tmp_path / "nowhere" / "report.html", result)
+        write_report(tmp_path / "nowhere" / "report.html", page)
 
 
 def test_an_unorganised_cloud_is_refused(result):
     flat = replace(result, cloud=Cloud(points=result.cloud.valid_points))
     with pytest.raises(CloudError, match="organised like the camera's image"):
-        demo_report(flat)
+        skull_report(flat)
 
 
 def test_a_result_without_models_is_refused(result):
     with pytest.raises(InputError, match="at least one capture of the sweep and one trained model"):
-        demo_report(replace(result, results=()))
+        skull_report(replace(result, results=()))
 
 
 def test_a_result_of_one_kind_of_model_still_has_a_page(result):
     only = tuple(own for own in result.results if own.model.specification.name == "e_k1")
-    page = demo_report(replace(result, results=only))
+    page = skull_report(replace(result, results=only))
     assert 'id="unseen-exposure_ms"' in page
     assert 'id="unseen-p_norm"' not in page

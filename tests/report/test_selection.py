@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 
 from exposight.cell import Cloud
-from exposight.report.selection import (
+from exposight.report.selection import exposures_ms
+from exposight.report.skull_selection import (
     Crop,
-    exposures_ms,
     nominal_capture,
     object_crop,
     ring_values,

@@ -72,6 +72,7 @@ def _observations(planned) -> int:
         ("ex-plusplus", 73, 1080),
         ("lighting-1", 1, 5),
         ("small", 8, 64),
+        ("demo", 48, 240),
     ],
 )
 def test_a_campaign_has_as_many_measurements_as_planned(campaign, name, n_views, n_captures):

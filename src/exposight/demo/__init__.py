@@ -1,5 +1,15 @@
-"""The main job end to end, on a recording that anyone can have."""
+"""The main job end to end: on the simulated cell, and on a recording that anyone can have."""
 
+from exposight.demo.door import (
+    EXPOSURE_MODEL,
+    QUALITY_MODEL,
+    DoorResult,
+    DoorSettings,
+    NewView,
+    run_door,
+)
+from exposight.demo.door_picture import DoorMesh
+from exposight.demo.forecast import WANTED_I_AVG, Forecast, forecast_view
 from exposight.demo.recording import (
     DATA_VARIABLE,
     NOMINAL_EXPOSURE_MS,
@@ -9,23 +19,35 @@ from exposight.demo.recording import (
     read_skull,
     skull_sensor,
 )
-from exposight.demo.result import DemoResult, DemoSettings, ModelResult, SequenceCheck
-from exposight.demo.study import run_demo
+from exposight.demo.result import DemoResult, DemoSettings, ModelResult
+from exposight.demo.skull import SequenceCheck, SkullResult, SkullSettings, run_skull
 from exposight.demo.surface_features import PlacementRules, place_features
 
 __all__ = [
     "DATA_VARIABLE",
+    "EXPOSURE_MODEL",
     "NOMINAL_EXPOSURE_MS",
+    "QUALITY_MODEL",
+    "WANTED_I_AVG",
     "DemoResult",
     "DemoSettings",
+    "DoorMesh",
+    "DoorResult",
+    "DoorSettings",
+    "Forecast",
     "ModelResult",
+    "NewView",
     "PlacementRules",
     "SequenceCheck",
     "SkullRecording",
+    "SkullResult",
+    "SkullSettings",
     "decode_to_cloud",
     "find_skull",
+    "forecast_view",
     "place_features",
     "read_skull",
-    "run_demo",
+    "run_door",
+    "run_skull",
     "skull_sensor",
 ]

@@ -1,7 +1,7 @@
-"""Pictures of the recording: features' rings on the stripe image, and three exposures side by side.
+"""What pictures of captures have in common: brightening, marked pixels, rings, legends, encoding.
 
-The pictures only show what the result holds. Grey values are brightened for display, by the square
-root, because the recorded stripes are dark; every number on the page is of the unchanged values.
+Grey values are brightened for display, by the square root, because stripes are often dark; every
+number on a page is of the unchanged values.
 """
 
 from __future__ import annotations
@@ -13,33 +13,28 @@ import cv2
 import numpy as np
 
 from exposight.errors import ImageError
-from exposight.report.colours import (
-    CLIPPED,
-    NO_POINT,
-    P_NORM_SCALE,
-    css_gradient,
-    rgb,
-    scale_rgb,
-)
-from exposight.report.markup import escape, figure, image_tag, number
-from exposight.report.selection import (
-    nominal_capture,
-    object_crop,
-    ring_values,
-    visible_views,
-)
+from exposight.report.colours import CLIPPED, NO_POINT, P_NORM_SCALE, css_gradient, rgb
+from exposight.report.markup import escape
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.cell import Capture
-    from exposight.demo import DemoResult
 
-__all__ = ["p_norm_legend", "ring_figure", "sweep_figure"]
+__all__ = [
+    "blend",
+    "brighten",
+    "grey_picture",
+    "jpeg",
+    "marked_legend",
+    "marked_picture",
+    "mask_edge",
+    "p_norm_legend",
+    "png",
+    "zoomable",
+]
 
 _FULL_SCALE = 255.0
-_FILL_OPACITY = 0.22
-_EDGE_OPACITY = 0.95
 _TINT_OPACITY = 0.45
 _JPEG_QUALITY = 90
 
@@ -53,28 +48,6 @@ class _Swatch:
 def brighten(grey: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float64]:
     """Return grey values, 0–255, as display values, 0–255: the square root, for dark stripes."""
     return np.asarray(np.sqrt(np.asarray(grey, dtype=np.float64) / _FULL_SCALE) * _FULL_SCALE)
-
-
-def ring_picture(result: DemoResult) -> NDArray[np.uint8]:
-    """Draw the masks of all visible features, coloured by p_norm, on the nominal stripe image.
-
-    Returns
-    -------
-    (rows, columns, 3) ndarray of uint8
-        Red, green, blue; the whole image.
-    """
-    capture = nominal_capture(result)
-    picture = _grey_picture(capture)
-    values = ring_values(result, capture.exposure_ms)
-    for view in visible_views(result):
-        p_norm = values.get(view.feature.name)
-        if p_norm is None:
-            continue
-        colour = scale_rgb(P_NORM_SCALE, p_norm)
-        edge = mask_edge(view.rows, view.columns)
-        _blend(picture, view.rows, view.columns, colour, _FILL_OPACITY)
-        _blend(picture, view.rows[edge], view.columns[edge], colour, _EDGE_OPACITY)
-    return np.rint(picture).astype(np.uint8)
 
 
 def mask_edge(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -94,68 +67,14 @@ def marked_picture(capture: Capture) -> NDArray[np.uint8]:
     (rows, columns, 3) ndarray of uint8
         Red, green, blue; the whole image.
     """
-    picture = _grey_picture(capture)
+    picture = grey_picture(capture)
     grey = capture.grey_levels()
-    if capture.cloud.organised:
-        rows, columns = np.nonzero(~capture.cloud.valid)
-        _blend(picture, rows, columns, np.array(rgb(NO_POINT), dtype=np.float64), _TINT_OPACITY)
+    cloud = capture.cloud
+    if cloud is not None and cloud.organised:
+        rows, columns = np.nonzero(~cloud.valid)
+        blend(picture, rows, columns, np.array(rgb(NO_POINT), dtype=np.float64), _TINT_OPACITY)
     picture[grey >= _FULL_SCALE] = rgb(CLIPPED)
     return np.rint(picture).astype(np.uint8)
-
-
-def ring_figure(number_: int, result: DemoResult) -> str:
-    """Return the figure of the stripe image with the rings."""
-    capture = nominal_capture(result)
-    crop = object_crop(result)
-    picture = crop.of(ring_picture(result))
-    tag = image_tag(
-        _png(picture),
-        "image/png",
-        "Stripe image with the rings of all features, coloured by p_norm",
-        (crop.width, crop.height),
-    )
-    content = (
-        '<label class="zoom"><input type="checkbox" aria-label="show the picture in full size">'
-        f"{tag}<span>click to enlarge</span></label>"
-    )
-    caption = (
-        f"The stripe image at the nominal {number(capture.exposure_ms)} ms with the rings in which "
-        "brightness is averaged and points are counted, coloured by <i>p</i><sub>norm</sub>: see "
-        "that they lie on smooth surface, and that nearly every pixel gave a point (yellow), for "
-        "features were placed where this very cloud is whole. Cropped to the object, brightened "
-        "for display."
-    )
-    return figure(number_, content, caption, p_norm_legend())
-
-
-def sweep_figure(number_: int, result: DemoResult) -> str:
-    """Return the figure of the sweep's captures side by side, clipped and missing pixels marked."""
-    crop = object_crop(result)
-    pictures = []
-    for capture in result.sweep:
-        picture = crop.of(marked_picture(capture))
-        origin = "emulated" if capture.emulated else "recorded"
-        title = f"{number(capture.exposure_ms)} ms, {origin}"
-        tag = image_tag(
-            _jpeg(picture),
-            "image/jpeg",
-            f"Stripe image at {title}; clipped pixels red, pixels without a point blue",
-            (crop.width, crop.height),
-        )
-        pictures.append(f"<div>{tag}<p>{escape(title)}</p></div>")
-    caption = (
-        "Three steps of the exposure sweep: see how dark surfaces lose their points where the "
-        "exposure is short, and bright ones where it is long. The fringes move from frame to "
-        "frame, so a pixel that is blue here may be clipped in another frame. Same crop and "
-        "brightening as above."
-    )
-    swatches = (
-        _Swatch(colour=CLIPPED, meaning="clipped in this image (grey value 255)"),
-        _Swatch(colour=NO_POINT, meaning="no 3D point"),
-    )
-    return figure(
-        number_, f'<div class="side">{"".join(pictures)}</div>', caption, _swatches(swatches)
-    )
 
 
 def p_norm_legend() -> str:
@@ -167,7 +86,12 @@ def p_norm_legend() -> str:
     )
 
 
-def _swatches(swatches: tuple[_Swatch, ...]) -> str:
+def marked_legend() -> str:
+    """Return the legend of `marked_picture`."""
+    swatches = (
+        _Swatch(colour=CLIPPED, meaning="clipped in this image (grey value 255)"),
+        _Swatch(colour=NO_POINT, meaning="no 3D point"),
+    )
     items = "".join(
         f'<span><span class="swatch" style="background:{item.colour}"></span> '
         f"{escape(item.meaning)}</span>"
@@ -176,25 +100,37 @@ def _swatches(swatches: tuple[_Swatch, ...]) -> str:
     return f'<div class="legend">{items}</div>\n'
 
 
-def _grey_picture(capture: Capture) -> NDArray[np.float64]:
+def zoomable(tag: str) -> str:
+    """Return an image that a click shows larger."""
+    return (
+        '<label class="zoom"><input type="checkbox" aria-label="show the picture in full size">'
+        f"{tag}<span>click to enlarge</span></label>"
+    )
+
+
+def grey_picture(capture: Capture) -> NDArray[np.float64]:
+    """Return a capture's image, brightened, as (rows, columns, 3) red, green and blue, 0–255."""
     return np.repeat(brighten(capture.grey_levels())[..., None], 3, axis=2)
 
 
-def _blend(
+def blend(
     picture: NDArray[np.float64],
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
     colour: NDArray[np.float64],
     opacity: float,
 ) -> None:
+    """Lay a colour over pixels of a picture, in place."""
     picture[rows, columns] = (1 - opacity) * picture[rows, columns] + opacity * colour
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
+def png(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture as a PNG file."""
     return _encode(picture, ".png", [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
-def _jpeg(picture: NDArray[np.uint8]) -> bytes:
+def jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture as a JPEG file."""
     # full colour resolution: single red pixels would blur away
     sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     return _encode(picture, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY, *sampling])

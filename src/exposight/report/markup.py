@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Heading",
+    "count_cell",
     "escape",
     "exact",
     "figure",
@@ -82,6 +83,11 @@ def exact(value: float | None, shown: str | None = None) -> str:
     if value is None or not math.isfinite(value):
         return _NO_VALUE
     return f'<data value="{value!r}">{number(value, 4) if shown is None else shown}</data>'
+
+
+def count_cell(value: int) -> str:
+    """Return a whole number for people, blanks between its thousands, and for machines."""
+    return exact(value, f"{value:,}".replace(",", " "))
 
 
 def model_name(name: str) -> str:

@@ -1,4 +1,4 @@
-"""The numbers in full: decoding, scores of all models, their hyperparameters."""
+"""The numbers in full: scores of all models, their hyperparameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 from exposight.gp import Quantity
 from exposight.models import UNITS
-from exposight.report.markup import Heading, escape, exact, model_name, number, table
+from exposight.report.markup import (
+    Heading,
+    count_cell,
+    escape,
+    exact,
+    model_name,
+    number,
+    table,
+)
 from exposight.report.selection import model_results
 
 if TYPE_CHECKING:
@@ -16,7 +24,7 @@ if TYPE_CHECKING:
     from exposight.gp import Parameter
     from exposight.models import ModelSpecification
 
-__all__ = ["decoding_table", "hyperparameter_table", "score_tables"]
+__all__ = ["hyperparameter_table", "score_tables"]
 
 _NOISE = "noise_variance"
 _INPUTS = {
@@ -53,44 +61,6 @@ _TARGETS = {
 }
 
 
-def decoding_table(result: DemoResult) -> str:
-    """Return the table of decoded pixels and of the agreement with the authors' cloud."""
-    headings = (
-        Heading(text="sequence", is_text=True),
-        *(
-            Heading(text=text, group="pixels")
-            for text in ("decoded", "low modulation", "clipped", "ambiguous", "all")
-        ),
-        *(
-            Heading(text=text, group="distance to the authors’ cloud")
-            for text in ("common points", "median, mm", "90 %, mm")
-        ),
-        Heading(text="time, s"),
-    )
-    rows = []
-    for check in result.checks:
-        counts, agreement = check.counts, check.agreement
-        pixels = (
-            counts.decoded, counts.low_modulation, counts.clipped, counts.ambiguous, counts.pixels,
-        )  # fmt: skip
-        rows.append(
-            [
-                escape(check.title),
-                *(_count(own) for own in pixels),
-                _count(agreement.common_points),
-                exact(agreement.median_mm, number(agreement.median_mm)),
-                exact(agreement.p90_mm, number(agreement.p90_mm)),
-                exact(check.seconds, number(check.seconds, 2)),
-            ]
-        )
-    caption = (
-        "<b>Decoding.</b> A pixel may carry several flags; most pixels with low modulation are "
-        "the unlit background. Both sequences are held against the cloud that the recording’s "
-        "authors made of the Gray code; 90 % is the 90th percentile. Time is from frames to cloud."
-    )
-    return table(headings, rows, name="decoding", caption=caption)
-
-
 def score_tables(result: DemoResult) -> str:
     """Return the tables of scores: for each target, unseen features first, then known ones."""
     return "".join(
@@ -116,8 +86,8 @@ def hyperparameter_table(result: DemoResult) -> str:
             _name(own.model.specification),
             _hyperparameters(own),
             exact(own.model.summary.log_marginal_likelihood),
-            _count(own.model.summary.starts),
-            _count(own.model.summary.evaluations),
+            count_cell(own.model.summary.starts),
+            count_cell(own.model.summary.evaluations),
             "yes" if own.model.summary.converged else "no",
             exact(own.seconds, number(own.seconds, 2)),
         ]
@@ -127,8 +97,8 @@ def hyperparameter_table(result: DemoResult) -> str:
         "<b>Hyperparameters.</b> σ² is a kernel’s variance, ℓ a length scale, α the exponent of "
         "the rational quadratic, σ²<sub>n</sub> the noise variance. † ended at the limit that the "
         "optimiser was given, which is to be expected where an input does not matter (its length "
-        "scale grows, or its variance shrinks, as far as allowed) and where observations are "
-        "nearly free of noise, as emulated ones are (the noise variance shrinks)."
+        "scale grows, or its variance shrinks, as far as allowed) and where the function passes "
+        "through all observations (the noise variance shrinks)."
     )
     return table(headings, rows, name="hyperparameters", caption=caption)
 
@@ -152,7 +122,7 @@ def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...])
                 _name(specification),
                 escape(_form(specification)),
                 ", ".join(_input(name) for name in specification.inputs),
-                _count(len(own.model.process.y)),
+                count_cell(len(own.model.process.y)),
                 *_score_cells(style, own.unseen.score),
                 *(_inside_cells(style, inside) if inside else ("0", "–", "–")),
             ]
@@ -197,7 +167,7 @@ def _score_headings(style: _Target, group: str) -> tuple[Heading, ...]:
 def _score_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
     coverage = score.coverage_2sigma
     return (
-        _count(score.n),
+        count_cell(score.n),
         _percent(score.r2_percent),
         exact(score.mse, number(score.mse)),
         exact(score.rmse, number(style.rmse_factor * score.rmse)),
@@ -208,7 +178,7 @@ def _score_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
 
 def _inside_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
     return (
-        _count(score.n),
+        count_cell(score.n),
         _percent(score.r2_percent),
         exact(score.rmse, number(style.rmse_factor * score.rmse)),
     )
@@ -275,10 +245,6 @@ def _short_unit(name: str) -> str:
 
 def _input(name: str) -> str:
     return f"<i>{_INPUTS[name]}</i>" if name in _INPUTS else escape(name)
-
-
-def _count(value: int) -> str:
-    return exact(value, f"{value:,}".replace(",", " "))
 
 
 def _percent(value: float) -> str:

@@ -165,6 +165,14 @@ def _small() -> MeasuringPlan:
     return _inside("small", planes, features)
 
 
+def _demo() -> MeasuringPlan:
+    """The paper's 48 views of all inside features, at every second exposure time."""
+    planes = tuple(
+        replace(plane, exposures_ms=plane.exposures_ms[1::2]) for plane in (_NEAR, _MIDDLE, _FAR)
+    )
+    return _inside("demo", planes, _TRAINING + _MORE_TRAINING + _TEST)
+
+
 def _all_plans() -> tuple[MeasuringPlan, ...]:
     x = (_NEAR, _MIDDLE, _FAR)
     plus = _TRAINING + _MORE_TRAINING
@@ -211,7 +219,8 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         ),
         # All inside rows of the structured-light sensor but eX⁺⁺ and lighting, in one campaign.
         _inside("inside", x, plus + _TEST),
-        _small(),  # for a demonstration
+        _demo(),
+        _small(),
     )
 
 

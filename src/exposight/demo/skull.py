@@ -1,4 +1,4 @@
-"""The main job, end to end, on the recorded skull.
+"""The whole method on a recording: a skull, scanned once, its exposure sweep emulated.
 
 Stripes are decoded to a point cloud, ring features are placed on it, an exposure sweep is emulated
 from the recorded frames, every feature is observed at every exposure, and all of the paper's models
@@ -7,10 +7,8 @@ are trained on half of the features and judged by the other half.
 
 from __future__ import annotations
 
-import multiprocessing
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,9 +31,10 @@ from exposight.demo.recording import (
     read_skull,
     skull_sensor,
 )
-from exposight.demo.result import DemoResult, DemoSettings, ModelResult, SequenceCheck
+from exposight.demo.result import DemoResult, DemoSettings
 from exposight.demo.surface_features import place_features
-from exposight.errors import FileError, InputError
+from exposight.demo.training import Lesson, Progress, make_folder, silent, train_models
+from exposight.errors import InputError
 from exposight.evaluation import split_by_group
 from exposight.geometry import RigidTransform
 from exposight.imaging import (
@@ -43,16 +42,8 @@ from exposight.imaging import (
     re_expose,
     sequence_preset,
 )
-from exposight.models import (
-    MODEL_SUFFIX,
-    ModelSpecification,
-    evaluate,
-    save_model,
-    train,
-)
 from exposight.observing import (
     FeatureView,
-    ObservationTable,
     Visibility,
     observe_campaign,
     view_features,
@@ -61,19 +52,96 @@ from exposight.observing import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, what of it is done, and how much there is."""
+    from exposight.imaging import CloudAgreement, DecodingCounts
 
 _VIEW = "skull"
 _STRIPE_FRAME = 0  # the first of the sixteen-period fringes: the finest stripes of the recording
 
 
-def run_demo(
+@dataclass(frozen=True, kw_only=True)
+class SkullSettings(DemoSettings):
+    """What the demonstration on the skull does.
+
+    Parameters
+    ----------
+    features : int
+        Ring features to place, half of which train.
+    steps_per_decade : int
+        Of the emulated exposure sweep, a geometric progression through the nominal exposure.
+    steps_each_way : int
+        Steps below and above the nominal exposure.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 4 features or less than 1 step, or as for `DemoSettings`.
+    """
+
+    features: int = 220
+    steps_per_decade: int = 8
+    steps_each_way: int = 6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.features < 4 or min(self.steps_per_decade, self.steps_each_way) < 1:
+            msg = (
+                "the demonstration needs at least 4 features and 1 step of exposure, got "
+                f"{self.features} features, {self.steps_per_decade} steps a decade, "
+                f"{self.steps_each_way} steps each way"
+            )
+            raise InputError(msg)
+
+    def exposures_ms(self) -> tuple[float, ...]:
+        """Return the sweep's exposure times in ms, the nominal one among them."""
+        steps = range(-self.steps_each_way, self.steps_each_way + 1)
+        factors = (10.0 ** (step / self.steps_per_decade) for step in steps)
+        return tuple(round(NOMINAL_EXPOSURE_MS * factor, 3) for factor in factors)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SequenceCheck:
+    """How one decoded sequence compares with the authors' cloud."""
+
+    title: str
+    counts: DecodingCounts
+    agreement: CloudAgreement
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SkullResult(DemoResult):
+    """Everything the demonstration on the skull found.
+
+    Parameters
+    ----------
+    settings : SkullSettings
+        What was asked for.
+    checks : tuple of SequenceCheck
+        Gray code and phase shift against the authors' cloud.
+    sweep : tuple of Capture
+        Three captures of the sweep: dark, nominal, bright.
+    cloud : Cloud
+        At the nominal exposure.
+    views : tuple of FeatureView
+        The features, their masks and poses.
+    overlap : float
+        Share of the unseen features' ring pixels that lie in a training feature's ring too.
+    """
+
+    settings: SkullSettings
+    checks: tuple[SequenceCheck, ...]
+    sweep: tuple[Capture, ...]
+    cloud: Cloud
+    views: tuple[FeatureView, ...]
+    overlap: float
+
+
+def run_skull(
     output: str | Path,
     data: str | Path | None = None,
-    settings: DemoSettings | None = None,
+    settings: SkullSettings | None = None,
     progress: Progress | None = None,
-) -> DemoResult:
+) -> SkullResult:
     """Run the whole method on the recorded skull.
 
     Whatever was captured stays in ``output/campaign``; run again, only what is missing is made.
@@ -84,7 +152,7 @@ def run_demo(
         Folder for campaign, observations and models; made if it is not there.
     data : path, optional
         Where the recording is; see `find_skull`.
-    settings : DemoSettings, optional
+    settings : SkullSettings, optional
         What to do.
     progress : callable, optional
         Called with (stage, done, total).
@@ -96,11 +164,10 @@ def run_demo(
     InputError
         If the settings make no sense, or the folder holds a demonstration of other settings.
     """
-    settings = settings or DemoSettings()
-    tell = progress or _silent
-    _check_settings(settings)
+    settings = settings or SkullSettings()
+    tell = progress or silent
     skull = find_skull(data)
-    folder = _make_folder(Path(output))
+    folder = make_folder(Path(output))
     tell("reading frames", 0, 1)
     recording = read_skull(skull)
     tell("reading frames", 1, 1)
@@ -122,21 +189,16 @@ def run_demo(
     table.write(folder / "observations.csv")
     split = split_by_group(table.names("feature"), 0.5, np.random.default_rng(settings.seed))
     trains = np.isin(np.arange(len(table)), split.train)
-    jobs = [
-        (specification, table.where(trains), table.where(~trains), sensor, settings)
-        for specification in settings.models
-    ]
-    models = _make_folder(folder / "models")
-    results = []
-    tell("training models", 0, len(jobs))
-    for result in _train_all(jobs, settings.workers):
-        save_model(models / f"{result.model.specification.name}{MODEL_SUFFIX}", result.model)
-        results.append(result)
-        tell("training models", len(results), len(jobs))
-    results.sort(key=lambda found: settings.models.index(found.model.specification))
+    lesson = Lesson(
+        known=table.where(trains),
+        unseen=table.where(~trains),
+        sensor=sensor,
+        source="half of the features of the skull's emulated exposure sweep",
+    )
+    results = train_models(folder / "models", lesson, settings, tell)
     views = view_features(part, sensor, RigidTransform())
     train_features = frozenset(table.names("feature")[trains].tolist())
-    return DemoResult(
+    return SkullResult(
         settings=settings,
         output=folder,
         sensor=sensor,
@@ -147,32 +209,8 @@ def run_demo(
         table=table,
         train_features=train_features,
         overlap=_ring_overlap(views, train_features, recording.phase.image_shape),
-        results=tuple(results),
+        results=results,
     )
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """Tell nobody."""
-
-
-def _check_settings(settings: DemoSettings) -> None:
-    numbers = (settings.features, settings.restarts, settings.workers, settings.steps_per_decade)
-    if min(numbers) < 1 or settings.features < 4 or settings.steps_each_way < 1:
-        msg = (
-            "the demonstration needs at least 4 features and 1 of steps, restarts and workers, "
-            f"got {settings.features} features, {settings.steps_each_way} steps each way, "
-            f"{settings.restarts} restarts, {settings.workers} workers"
-        )
-        raise InputError(msg)
-
-
-def _make_folder(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"{folder} cannot be used for output: {error.strerror or error}"
-        raise FileError(msg) from error
-    return folder
 
 
 def _check_decoding(
@@ -206,7 +244,7 @@ def _sweep(
     recording: SkullRecording,
     sensor: ActiveSensor,
     part: Part,
-    settings: DemoSettings,
+    settings: SkullSettings,
     tell: Progress,
 ) -> CampaignFolder:
     """Emulate the exposure sweep into a campaign's folder; captures that are there stay."""
@@ -240,51 +278,7 @@ def _sweep(
     return CampaignFolder(folder)
 
 
-_Job = tuple[ModelSpecification, ObservationTable, ObservationTable, ActiveSensor, DemoSettings]
-
-
-def _train_all(jobs: list[_Job], workers: int) -> Iterator[ModelResult]:
-    """Train models, several at a time, and yield each as soon as it is done."""
-    if workers == 1:
-        yield from (_train_one(*job) for job in jobs)
-        return
-    # Fresh processes: forking one that has run compiled threads can hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=min(workers, len(jobs)), mp_context=context) as pool:
-        try:
-            futures = [pool.submit(_train_one, *job) for job in jobs]
-            yield from (future.result() for future in as_completed(futures))
-        except BaseException:  # an interrupt too: do not begin what is still waiting
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _train_one(
-    specification: ModelSpecification,
-    known: ObservationTable,
-    unseen: ObservationTable,
-    sensor: ActiveSensor,
-    settings: DemoSettings,
-) -> ModelResult:
-    start = time.perf_counter()
-    model = train(
-        specification,
-        known,
-        seed=settings.seed,
-        source="half of the features of the skull's emulated exposure sweep",
-        sensor=sensor,
-        restarts=settings.restarts,
-    )
-    seconds = time.perf_counter() - start
-    return ModelResult(
-        model=model,
-        known=evaluate(model, known),
-        unseen=evaluate(model, unseen),
-        seconds=seconds,
-    )
-
-
-def _three_captures(campaign: CampaignFolder, settings: DemoSettings) -> tuple[Capture, ...]:
+def _three_captures(campaign: CampaignFolder, settings: SkullSettings) -> tuple[Capture, ...]:
     exposures = settings.exposures_ms()
     wanted = {exposures[1], NOMINAL_EXPOSURE_MS, exposures[-2]}
     found = (capture for capture in campaign.captures() if capture.exposure_ms in wanted)

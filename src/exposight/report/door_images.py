@@ -1,0 +1,138 @@
+"""What the camera saw in the new view: whole frames, and unseen features close by."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from exposight.report.colours import P_NORM_SCALE, scale_rgb
+from exposight.report.door_words import exposure_title, share
+from exposight.report.images import (
+    blend,
+    jpeg,
+    marked_legend,
+    marked_picture,
+    mask_edge,
+    p_norm_legend,
+    png,
+    zoomable,
+)
+from exposight.report.markup import escape, figure, image_tag, number
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.demo import DoorResult, NewView
+
+__all__ = ["close_figure", "frame_figure"]
+
+_FRAME_WIDTH_PX = 1000
+_RING_WIDTH_PX = 9
+_EDGE_OPACITY = 0.9
+_MARGIN_PX = 14
+_CLOSE_PX = 340
+_FONT = cv2.FONT_HERSHEY_DUPLEX
+
+
+def frame_figure(number_: int, result: DoorResult) -> str:
+    """Return the figure of the three whole frames."""
+    view = result.new_view
+    tiles = []
+    for index in range(len(view.captures)):
+        picture = framed_picture(view, index)
+        title = exposure_title(view, index)
+        alternative = (
+            f"Stripe image at {title}; clipped pixels red, pixels without a point blue, rings "
+            "coloured by measured p_norm"
+        )
+        size = (picture.shape[1], picture.shape[0])
+        tag = image_tag(jpeg(picture), "image/jpeg", alternative, size)
+        tiles.append(f"<div>{zoomable(tag)}<p>{escape(title)}</p></div>")
+    caption = (
+        "One view, three exposure times. Bare metal is the difficult case: glare clips while the "
+        "sheet beside it is still too dark, so no single exposure time serves every feature. "
+        "Rings are coloured by their measured <i>p</i><sub>norm</sub>. A pixel needs a valid "
+        "value in all stripe images, so one that is blue here may be clipped in another. "
+        "Brightened for display."
+    )
+    content = f'<div class="side over">{"".join(tiles)}</div>'
+    return figure(number_, content, caption, marked_legend() + p_norm_legend())
+
+
+def framed_picture(view: NewView, index: int) -> NDArray[np.uint8]:
+    """Draw one capture with its marks, rings and names, small enough for a page.
+
+    Returns
+    -------
+    (rows, columns, 3) ndarray of uint8
+        Red, green, blue.
+    """
+    picture = marked_picture(view.captures[index])
+    factor = _FRAME_WIDTH_PX / picture.shape[1]
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_RING_WIDTH_PX, _RING_WIDTH_PX))
+    for seen, p_norm in zip(view.views, view.p_norm[:, index], strict=True):
+        ring: NDArray[np.uint8] = np.zeros(picture.shape[:2], dtype=np.uint8)
+        ring[seen.rows, seen.columns] = 1
+        picture[cv2.dilate(ring, kernel) > 0] = scale_rgb(P_NORM_SCALE, p_norm).astype(np.uint8)
+    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    for seen in view.views:
+        place = (
+            int(factor * seen.columns.max()) + 4,
+            int(factor * seen.rows.mean()) + 5,
+        )
+        for colour, thickness in (((0, 0, 0), 4), ((255, 255, 255), 1)):
+            cv2.putText(small, seen.feature.name, place, _FONT, 0.6, colour, thickness, cv2.LINE_AA)
+    return np.asarray(small, dtype=np.uint8)
+
+
+def close_figure(number_: int, result: DoorResult) -> str:
+    """Return the figure of the unseen features' neighbourhoods at the three exposure times."""
+    view = result.new_view
+    marked = [marked_picture(capture) for capture in view.captures]
+    tiles = []
+    for i, seen in enumerate(view.views):
+        if seen.feature.name in result.train_features:
+            continue
+        for index, whole in enumerate(marked):
+            picture = close_picture(whole, view, i, index)
+            alternative = f"{seen.feature.name} at {exposure_title(view, index)}"
+            tag = image_tag(
+                png(picture), "image/png", alternative, (picture.shape[1], picture.shape[0])
+            )
+            tiles.append(f"<div>{tag}<p>{_close_title(view, i, index)}</p></div>")
+    caption = (
+        "The features that no model has seen, at full resolution, under the same three exposure "
+        "times. The two circles bound the ring in which brightness is averaged and points are "
+        "counted; their colour is the measured <i>p</i><sub>norm</sub>."
+    )
+    content = f'<div class="side close">{"".join(tiles)}</div>'
+    return figure(number_, content, caption, marked_legend() + p_norm_legend())
+
+
+def close_picture(
+    whole: NDArray[np.uint8], view: NewView, feature: int, index: int
+) -> NDArray[np.uint8]:
+    """Cut a feature's neighbourhood from a marked picture, magnified, with its ring's outline."""
+    seen = view.views[feature]
+    reach = int(max(np.ptp(seen.rows), np.ptp(seen.columns))) // 2 + _MARGIN_PX
+    row, column = int(seen.rows.mean()), int(seen.columns.mean())
+    top, left = max(row - reach, 0), max(column - reach, 0)
+    picture = whole[top : row + reach + 1, left : column + reach + 1].astype(np.float64)
+    edge = mask_edge(seen.rows, seen.columns)
+    colour = scale_rgb(P_NORM_SCALE, view.p_norm[feature, index])
+    blend(picture, seen.rows[edge] - top, seen.columns[edge] - left, colour, _EDGE_OPACITY)
+    size = (_CLOSE_PX, round(_CLOSE_PX * picture.shape[0] / picture.shape[1]))
+    pixels = np.rint(picture).astype(np.uint8)
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_NEAREST))
+
+
+def _close_title(view: NewView, feature: int, index: int) -> str:
+    taken = view.taken
+    return (
+        f"{escape(taken.features[feature])}, {number(taken.exposures_ms[index])} ms: "
+        f"<i>p</i><sub>norm</sub> {share(view.p_norm[feature, index], 2)}, predicted "
+        f"{share(taken.p_norm[feature, index], 2)} ± "
+        f"{share(2 * taken.p_norm_std[feature, index], 2)}"
+    )

@@ -1,0 +1,153 @@
+"""The demonstration on the simulated cell, small: three views, two models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exposight.cell import CampaignFolder, sensor_preset
+from exposight.demo import DoorSettings, run_door
+from exposight.demo.door_picture import door_mesh, field_of_view_mm
+from exposight.errors import InputError
+from exposight.geometry import RigidTransform
+from exposight.models import load_model, model_named
+from exposight.observing import read_observations
+from exposight.twin.door_shape import DOOR
+from exposight.twin.plan_presets import plan_preset
+
+_SMALL = plan_preset("small")
+SETTINGS = DoorSettings(
+    models=(model_named("q_k4"), model_named("e_k6")),
+    plan=replace(
+        _SMALL,
+        planes=tuple(
+            replace(
+                plane,
+                x_mm=plane.x_mm[:1],
+                y_mm=plane.y_mm[:1],
+                exposures_ms=plane.exposures_ms[1::2],
+            )
+            for plane in _SMALL.planes
+        ),
+    ),
+    restarts=1,
+    workers=1,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("demo")
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return run_door(folder, SETTINGS)
+
+
+def test_the_campaign_is_the_plans(result, folder):
+    assert (result.n_views, result.n_captures) == (3, 12)
+    assert len(CampaignFolder(folder / "campaign")) == 12
+
+
+def test_test_features_never_train(result):
+    assert not any(name.endswith("_test") for name in result.train_features)
+    for found in result.results:
+        assert all(name.endswith("_test") for name in found.unseen.table.names("feature"))
+        assert set(found.known.table.names("feature")) <= result.train_features
+
+
+def test_the_new_view_was_not_in_the_campaign(result):
+    assert set(result.table.names("view")).isdisjoint(
+        capture.view for capture in result.new_view.captures
+    )
+
+
+def test_the_chosen_exposure_time_has_the_best_forecast(result):
+    view = result.new_view
+    best = view.choice.p_norm.mean(axis=0).argmax()
+    assert view.chosen_ms == view.choice.exposures_ms[best]
+    assert view.taken.exposures_ms[1] == view.chosen_ms
+
+
+def test_the_new_view_is_taken_at_the_forecast_exposure_times(result):
+    view = result.new_view
+    assert tuple(capture.exposure_ms for capture in view.captures) == view.taken.exposures_ms
+    assert view.taken.exposures_ms[0] < view.chosen_ms < view.taken.exposures_ms[2]
+
+
+def test_the_new_view_is_of_whole_frames(result):
+    assert all(capture.cloud.organised for capture in result.new_view.captures)
+
+
+def test_what_was_measured_is_in_the_order_of_the_features(result):
+    view = result.new_view
+    assert view.p_norm.shape == view.i_avg.shape == (len(view.taken.features), 3)
+    for own, i_avg in zip(view.views, view.i_avg[:, 1], strict=True):
+        grey = view.captures[1].image[own.rows, own.columns]
+        assert i_avg == pytest.approx(grey.mean())
+
+
+def test_longer_exposure_is_brighter(result):
+    assert (np.diff(result.new_view.i_avg, axis=1) > 0).all()
+
+
+def test_what_was_found_is_on_disk(result, folder):
+    table = read_observations(folder / "observations.csv")
+    assert table.frame.equals(result.table.frame)
+    for found in result.results:
+        name = found.model.specification.name
+        model = load_model(folder / "models" / f"{name}.exposight-model")
+        again = model.predict_table(found.unseen.table)
+        np.testing.assert_array_equal(again.mean, found.unseen.prediction.mean)
+
+
+def test_a_second_run_keeps_what_was_captured_and_finds_the_same(result, folder):
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
+    again = run_door(folder, SETTINGS)
+    assert before == {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
+    np.testing.assert_array_equal(again.new_view.taken.p_norm, result.new_view.taken.p_norm)
+    np.testing.assert_array_equal(again.new_view.p_norm, result.new_view.p_norm)
+
+
+def test_another_seed_does_not_mix_into_the_same_campaign(result, folder):
+    with pytest.raises(InputError, match=r"another demonstration, or one of another seed"):
+        run_door(folder, replace(SETTINGS, seed=2))
+
+
+def test_models_that_cannot_forecast_are_refused():
+    with pytest.raises(InputError, match="needs the models q_k4 and e_k6, got q_k1"):
+        DoorSettings(models=(model_named("q_k1"),))
+
+
+def test_a_plan_without_unseen_features_is_refused():
+    with pytest.raises(InputError, match="features whose names end in '_test'"):
+        DoorSettings(plan=plan_preset("x"))
+
+
+def test_the_drawn_door_has_its_size_and_its_holes():
+    mesh = door_mesh()
+    low, high = mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0)
+    np.testing.assert_allclose(low, [-500, -350], atol=1.0)  # the sheet's rounded edge
+    np.testing.assert_allclose(high, [500, 350], atol=1.0)
+    centres = mesh.vertices[mesh.faces].mean(axis=1)[:, :2]
+    for hole in DOOR.holes:
+        gap = np.hypot(*(centres - [hole.x_mm, hole.y_mm]).T).min()
+        assert gap > 0.7 * hole.radius_mm
+
+
+def test_the_field_of_view_is_the_images_border_on_the_door():
+    camera, mesh = sensor_preset("comet-pro-ae").camera, door_mesh()
+    from_600_mm = RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0]))
+    border = field_of_view_mm(camera, from_600_mm, mesh)
+    pixels = camera.project(border + np.array([0.0, 0.0, 600.0]))
+    right, bottom = camera.width - 1, camera.height - 1
+    on_border = np.minimum.reduce(
+        [abs(pixels[:, 0]), abs(pixels[:, 0] - right), abs(pixels[:, 1]),
+         abs(pixels[:, 1] - bottom)]
+    )  # fmt: skip
+    assert on_border.max() < 1e-3  # px: the lens is inverted by iteration
+    # A corner looks through the window's opening; all else lies within an edge of the coarse mesh.
+    nearest = np.linalg.norm(border[:, None] - mesh.vertices[None], axis=2).min(axis=1)
+    on_sheet = (border[:, 0] < 180) | (border[:, 1] > -160)
+    assert nearest[on_sheet].max() < 8.0
