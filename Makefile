@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+SOURCES := $(VENV)/.sources
 RUN    := $(BIN)/python
 OUT    ?= demo-output
 
@@ -24,10 +25,16 @@ $(READY): requirements.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@
 
-demo: $(READY)  ## Run the whole method on a real recording and write a report
+# numba keeps a compiled loop although another module that it calls has changed; so nothing compiled
+# outlives a change of the sources.
+$(SOURCES): $(READY) $(shell find src -name '*.py')
+	find src -name '*.nb[ic]' -delete
+	@touch $@
+
+demo: $(SOURCES)  ## Run the whole method on a simulated cell and write a report
 	$(BIN)/exposight demo --output $(OUT)
 
-test: $(READY)  ## Run the tests
+test: $(SOURCES)  ## Run the tests
 	$(RUN) -m pytest
 
 check: $(READY)  ## Lint, check types strictly, check the import contract
@@ -36,17 +43,17 @@ check: $(READY)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m mypy
 	$(BIN)/lint-imports --no-logo
 
-docs: $(READY)  ## Draw the pictures in docs/ again
+docs: $(SOURCES)  ## Draw the pictures in docs/ again
 	$(RUN) docs/draw_pictures.py
 
-bench: $(READY)  ## Run a benchmark: make bench NAME=real
+bench: $(SOURCES)  ## Run a benchmark: make bench NAME=real
 	@test -n "$(NAME)" || { echo "say which: make bench NAME=real"; exit 2; }
 	$(RUN) -m benchmarks.$(NAME)
 
 requirements:  ## Pin the dependencies again, with hashes and without addresses
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
-	  --no-emit-index-url --no-emit-find-links --no-annotate --extra dev pyproject.toml --output-file requirements.txt
+	  --no-emit-index-url --no-emit-find-links --no-annotate --extra dev --extra cluster pyproject.toml --output-file requirements.txt
 
 clean:  ## Remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .import_linter_cache .hypothesis

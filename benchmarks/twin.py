@@ -114,7 +114,7 @@ def _depth_errors(
         lambda t: stripes.capture(light, t, view=view.name, seed=_seed(view, t)),
         view.exposures_ms,
     )
-    error: NDArray[np.float32] = best.cloud.points[..., 2] - light.true_depth_mm[0]
+    error: NDArray[np.float32] = best.require_cloud().points[..., 2] - light.true_depth_mm[0]
     error = error[np.isfinite(error)]
     say(
         f"  {view.name}, {best.exposure_ms:g} ms: {error.size} points, median "
@@ -201,7 +201,7 @@ def stereo(part: Part, tracer: SceneTracer) -> list[Figure]:
     best = _fullest(take, view.exposures_ms)
     took_s = (time.perf_counter() - start) / len(view.exposures_ms)
     there = np.abs(light.true_depth_mm - _STEREO_AT_MM) <= _STEREO_REACH_MM
-    error = (best.cloud.points[..., 2] - light.true_depth_mm)[there]
+    error = (best.require_cloud().points[..., 2] - light.true_depth_mm)[there]
     measured = error[np.isfinite(error)]
     say(
         f"  {best.exposure_ms:g} ms: {measured.size} points in {error.size} px, "
@@ -215,7 +215,7 @@ def stereo(part: Part, tracer: SceneTracer) -> list[Figure]:
 
 def _fullest(take: Callable[[float], Capture], exposures_ms: tuple[float, ...]) -> Capture:
     """Take captures at all exposure times and return the one with the most points."""
-    return max(map(take, exposures_ms), key=lambda capture: capture.cloud.n_valid)
+    return max(map(take, exposures_ms), key=lambda capture: capture.require_cloud().n_valid)
 
 
 def _seed(view: PlannedView, exposure_ms: float) -> tuple[int, ...]:

@@ -3,6 +3,7 @@ import hashlib
 import json
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from exposight.cell import (
     write_numbered_capture,
 )
 from exposight.errors import (
+    CloudError,
     DamagedFileError,
     FileError,
     FormatError,
@@ -88,6 +90,39 @@ def test_a_cloud_without_any_point_is_kept(tmp_path, sensor, part, make_capture)
     (read,) = CampaignFolder(tmp_path).captures()
     assert read.cloud.valid.shape == (12, 16)
     assert read.cloud.n_valid == 0
+
+
+def test_a_capture_without_its_cloud_comes_back_without(tmp_path, sensor, part, make_capture):
+    with reopen(tmp_path, sensor, part) as writer:
+        writer.add(replace(make_capture(), cloud=None))
+    (read,) = CampaignFolder(tmp_path).captures()
+    assert read.cloud is None
+    assert not (tmp_path / "captures" / "000000" / "cloud.npz").exists()
+    with pytest.raises(CloudError, match="was kept without its cloud"):
+        read.require_cloud()
+
+
+def test_further_files_lie_beside_a_capture(folder, make_capture):
+    write_numbered_capture(folder, 7, make_capture(5.0), {"b.txt": b"B", "a.txt": b"A"})
+    campaign = CampaignFolder(folder)
+    assert campaign.beside(7) == {"a.txt": b"A", "b.txt": b"B"}
+    assert campaign.beside(0) == {}
+    (folder / "captures" / "000007" / "a.txt").write_bytes(b"C")
+    with pytest.raises(DamagedFileError, match=r"a\.txt is damaged"):
+        campaign.beside(7)
+
+
+def test_two_writers_of_the_same_capture_both_end_well(folder, make_capture):
+    capture = make_capture(5.0)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda _: write_numbered_capture(folder, 7, capture), range(40)))
+    assert CampaignFolder(folder).keys()[-1] == ("v1", 5)
+    assert not list((folder / "captures").glob(".*"))
+
+
+def test_another_capture_of_the_same_number_is_refused(folder, make_capture):
+    with pytest.raises(FileError, match="000001 was not written: File exists"):
+        write_numbered_capture(folder, 1, make_capture(5.0))
 
 
 def test_name_sensor_and_part_are_kept(folder, sensor, part):
@@ -334,10 +369,10 @@ def test_a_missing_file_is_named(folder, name):
 @pytest.mark.parametrize("name", ["campaign.json", "captures/000001/capture.json"])
 def test_a_newer_version_is_refused(folder, name):
     document = json.loads((folder / name).read_text())
-    document["version"] = 2
+    document["version"] = 99
     document["something new"] = {}
     (folder / name).write_text(json.dumps(document))
-    with pytest.raises(VersionError, match=f"{name} has version 2 .* update exposight"):
+    with pytest.raises(VersionError, match=f"{name} has version 99 .* update exposight"):
         read_all(folder)
 
 

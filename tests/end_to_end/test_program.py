@@ -44,7 +44,9 @@ def test_an_error_has_no_traceback(tmp_path):
     result = program("info", tmp_path / "none")
     assert result.returncode == 1
     assert result.stdout == ""
-    assert result.stderr == f"error: {tmp_path / 'none'}: no such file or folder\n"
+    assert result.stderr == (
+        f"error: {tmp_path / 'none'}: no such file or folder, nor a measuring plan of that name\n"
+    )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")

@@ -144,6 +144,39 @@ def test_the_same_command_goes_on(simulated, plan, options, run_json, tmp_path):
     assert len(CampaignFolder(folder)) == 4
 
 
+def test_without_clouds_the_campaign_is_observed(simulated, plan, options, run, run_json, tmp_path):
+    told = run_json("simulate", plan, "--no-clouds", "-o", tmp_path / "box", *options)
+    assert told["clouds"] is False
+    run("observe", simulated[0], "-o", tmp_path / "after.csv")
+    at_once = read_observations(told["observations"])
+    assert at_once.frame.equals(read_observations(tmp_path / "after.csv").frame)
+    message = error_of(run("observe", tmp_path / "box", "-o", tmp_path / "again.csv"))
+    assert "view 'middle-x1-y1' at 50 ms was kept without its cloud" in message
+
+
+def test_raw_frames_are_decoded_like_a_recording(plan, options, run_json, tmp_path):
+    folder = tmp_path / "box"
+    told = run_json("simulate", plan, "--raw-frames", "-o", folder, *options)
+    assert told["raw_frames"] is True
+    decoded = run_json(
+        *("decode", folder / "captures" / "000001", "-s", folder / "sequence.toml"),
+        *("-c", folder / "calibration.yml", "--min-modulation", 18),
+    )
+    (_, capture, *_) = CampaignFolder(folder).captures()
+    # decode tolerates more residual between the phases than the twin does
+    assert decoded["points"] == pytest.approx(capture.cloud.n_valid, rel=0.01)
+    assert decoded["depth_mm"]["median"] == pytest.approx(
+        np.median(capture.cloud.valid_points[:, 2]), abs=0.05
+    )
+
+
+def test_a_cluster_that_is_not_there(run, plan, scene, tmp_path):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    words = ("--scene", scene, "--cluster", "host:8786", "-o", tmp_path / "box")
+    message = error_of(run("simulate", plan, *words))
+    assert "no Dask scheduler answers at 'host:8786' (not an address)" in message
+
+
 def test_a_preset_is_known_by_name_and_exported_for_other_programs(run_json, tmp_path):
     told = run_json("simulate", "stereo-x", "--export-scene", tmp_path / "scene")
     scene = read_scene(tmp_path / "scene")
@@ -173,7 +206,9 @@ def error_of(result):
 
 def test_an_unknown_plan(run):
     message = error_of(run("simulate", "y"))
-    assert "no measuring plan 'y': expected a TOML file, or one of x-near, x-middle" in message
+    assert (
+        "no measuring plan 'y': expected a TOML or YAML file, or one of x-near, x-middle" in message
+    )
 
 
 def test_a_missing_plan_file(run, tmp_path):
@@ -217,7 +252,13 @@ def test_a_table_that_cannot_be_written_is_told_at_once(name, message, plan, run
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
-    [([], "give a measuring plan: a TOML file"), (["x", "--workers", "0"], "workers")],
+    [
+        ([], "give a measuring plan: a TOML or YAML file"),
+        (["x", "--workers", "0"], "workers"),
+        (["x", "--workers", "2", "--cluster", "tcp://host:8786"], "give one of them"),
+        (["x", "--observe", "--no-clouds"], "keeps neither clouds nor frames"),
+        (["x", "--observe", "--raw-frames"], "keeps neither clouds nor frames"),
+    ],
 )
 def test_a_wrong_call_ends_with_status_two(arguments, told, run):
     result = run("simulate", *arguments)
@@ -227,13 +268,21 @@ def test_a_wrong_call_ends_with_status_two(arguments, told, run):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 @pytest.mark.parametrize(
-    ("observe", "moment"), [(False, "workers start"), (False, "captures are taken"), (True, "")]
+    ("observe", "moment"),
+    [
+        (False, "workers start"),
+        (False, "captures are taken"),
+        (True, "workers start"),
+        (True, "captures are taken"),
+    ],
 )
 def test_ctrl_c_says_what_is_kept(observe, moment, scene, tmp_path):
     """As a terminal does it: the signal reaches the workers, too."""
     many = tmp_path / "many.toml"
-    exposures = ", ".join(map(str, range(10, 200)))
-    many.write_text(PLAN.replace("50, 150", exposures), encoding="utf-8")
+    exposures = ", ".join(map(str, range(10, 48 if observe else 200)))
+    views = ", ".join(map(str, range(-40, 60, 10) if observe else (-40, 40)))
+    text = PLAN.replace("50, 150", exposures).replace("-40, 40", views)
+    many.write_text(text, encoding="utf-8")
     output = tmp_path / ("o.csv" if observe else "campaign")
     words = ["simulate", many, "-o", output, "--scene", scene, "--rings-only", "--workers", 2]
     process = subprocess.Popen(
@@ -249,9 +298,9 @@ def test_ctrl_c_says_what_is_kept(observe, moment, scene, tmp_path):
         assert process.stderr.readline().startswith("simulating")
         if moment == "workers start":
             time.sleep(0.5)
-        elif moment:
+        else:
             deadline = time.monotonic() + 60
-            while not any((output / "captures").glob("0*")):
+            while not any(tmp_path.glob("o.csv.views/0*" if observe else "campaign/captures/0*")):
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
         os.killpg(process.pid, signal.SIGINT)
@@ -261,8 +310,15 @@ def test_ctrl_c_says_what_is_kept(observe, moment, scene, tmp_path):
     assert process.returncode == 130
     assert stdout == ""
     (line,) = stderr.splitlines()
-    if observe:
-        assert line.endswith("without it, captures are kept and the same command goes on")
+    if observe and moment == "workers start":
+        assert line == "error: stopped by Ctrl-C before the first view was finished"
+        assert [path.name for path in tmp_path.iterdir()] == ["many.toml"]
+    elif observe:
+        kept = len(list(tmp_path.glob("o.csv.views/0*")))
+        assert line == (
+            f"error: stopped by Ctrl-C; the observations of {kept} finished views are kept in "
+            f"{output}.views, and the same command goes on"
+        )
         assert not output.exists()
     else:
         kept = len(CampaignFolder(output))

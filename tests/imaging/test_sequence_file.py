@@ -1,7 +1,16 @@
+from dataclasses import replace
+
 import pytest
 
 from exposight.errors import FormatError, MissingFileError
-from exposight.imaging import Fringe, GrayCode, PhaseShift, read_sequence
+from exposight.imaging import (
+    SEQUENCE_PRESETS,
+    Fringe,
+    GrayCode,
+    PhaseShift,
+    read_sequence,
+    sequence_to_toml,
+)
 
 HEAD = 'name = "mine"\nprojector_width = 16\nprojector_height = 8\n'
 GRAY = "[columns.gray_code]\nframes = [0, 1, 2, 3]\ninverse_frames = [4, 5, 6, 7]\n"
@@ -57,3 +66,10 @@ def test_missing_file(tmp_path):
 def test_bad_files(read, text, message):
     with pytest.raises(FormatError, match=rf"sequence\.toml: .*{message}"):
         read(text)
+
+
+@pytest.mark.parametrize("preset", SEQUENCE_PRESETS)
+def test_what_is_written_is_read_again(tmp_path, preset):
+    sequence = replace(SEQUENCE_PRESETS[preset], name='a "name" of its own', bit_depth=12)
+    (tmp_path / "s.toml").write_text(sequence_to_toml(sequence), encoding="utf-8")
+    assert read_sequence(tmp_path / "s.toml") == sequence

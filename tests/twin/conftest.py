@@ -1,7 +1,8 @@
-"""Small scenes: a sheet with round holes, and a wall beside it."""
+"""Small scenes: a sheet with round holes, and a wall beside it; a plan to measure one."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from scipy.spatial import Delaunay
 
 from exposight.cell import ActiveSensor, Feature, Part, Projector, sensor_preset
 from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.twin import CellSettings, DepthPlane, MeasuringPlan, Scene, export_scene, simulate
+from exposight.twin.scene import check_scene
 from exposight.twin.surfaces import FINISHES
 
 
@@ -125,3 +128,101 @@ def with_lens() -> Callable[[ActiveSensor], ActiveSensor]:
         return replace(sensor, cameras=(camera,), projector=projector)
 
     return distorted
+
+
+# -- a sheet that is measured by plan -----------------------------------------------------------
+
+HOLES = ((-25.0, -12.0, 4.0), (15.0, 10.0, 7.0))
+
+
+def _thickened(sheet, part, thickness_mm=2.0) -> Scene:
+    """Give a sheet, which faces −z, a back and edges."""
+    n = len(sheet.vertices)
+    edges = np.concatenate([sheet.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+    there = set(map(tuple, edges.tolist()))
+    rim = np.array([(a, b) for a, b in there if (b, a) not in there])
+    a, b = rim.T
+    walls = np.concatenate([np.column_stack([b, a, a + n]), np.column_stack([b, a + n, b + n])])
+    faces = np.concatenate([sheet.faces, sheet.faces[:, ::-1] + n, walls])
+    scene = Scene(
+        vertices=np.concatenate([sheet.vertices, np.add(sheet.vertices, [0, 0, thickness_mm])]),
+        faces=faces,
+        face_finish=np.full(len(faces), sheet.face_finish[0]),
+        part=part,
+    )
+    if scene.volume_mm3() < 0:
+        scene = replace(scene, faces=scene.faces[:, ::-1])
+    return check_scene(scene)
+
+
+@pytest.fixture(scope="session")
+def sheet_plan() -> MeasuringPlan:
+    """Two holes in four views at two exposure times.
+
+    p_norm is partly between 0 and 1 at both: darkness at one, clipping at the other.
+    """
+    return MeasuringPlan(
+        name="sheet",
+        sensor="comet-pro-ae",
+        features=("h0", "h1"),
+        reference="h0",
+        planes=(
+            DepthPlane(
+                name="middle",
+                z_tcp_mm=-5.0,
+                x_mm=(-60.0, 60.0),
+                y_mm=(-30.0, 30.0),
+                exposures_ms=(30.0, 330.0),
+                kinematic_share=0.5,
+            ),
+        ),
+        seed=1,
+    )
+
+
+@pytest.fixture(scope="session")
+def one_view(sheet_plan: MeasuringPlan) -> MeasuringPlan:
+    """The first view of the plan: it has the same name, and so the same errors and noise."""
+    plane = replace(sheet_plan.planes[0], x_mm=(-60.0,), y_mm=(-30.0,))
+    return replace(sheet_plan, planes=(plane,))
+
+
+@pytest.fixture(scope="session")
+def sheet_scene(tmp_path_factory, plate, hole_part) -> Callable[[str], Path]:
+    """Export the sheet with its holes in a finish."""
+
+    def export(finish: str) -> Path:
+        folder = tmp_path_factory.mktemp(finish)
+        scene = _thickened(plate(finish, HOLES), hole_part(HOLES))
+        export_scene(folder, scene, sensor_preset("comet-pro-ae"))
+        return folder
+
+    return export
+
+
+@pytest.fixture(scope="session")
+def scene(sheet_scene) -> Path:
+    """The sheet with primer on it."""
+    return sheet_scene("primer")
+
+
+@pytest.fixture(scope="session")
+def rings(scene) -> CellSettings:
+    return CellSettings(rings_only=True, scene=scene)
+
+
+@pytest.fixture(scope="session")
+def alone(tmp_path_factory, sheet_plan, rings) -> Path:
+    """The whole plan by one worker, uninterrupted, rings only."""
+    return simulate(sheet_plan, tmp_path_factory.mktemp("alone") / "sheet", rings).path
+
+
+@pytest.fixture(scope="session")
+def content() -> Callable[[Path], dict[str, bytes]]:
+    """Read all files below a folder."""
+
+    def read(folder: Path) -> dict[str, bytes]:
+        files = (path for path in folder.rglob("*") if path.is_file())
+        return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+    return read

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from exposight.twin.workers import run_tasks
+from exposight.twin.workers import LocalProcesses
 
 LONG_S = 60.0
 SOON_S = 20.0
@@ -16,24 +16,24 @@ SOON_S = 20.0
 
 ENDLESS = f"""
 import time
-from exposight.twin.workers import run_tasks
+from exposight.twin.workers import LocalProcesses
 
-for _ in run_tasks(time.sleep, [0.0, {LONG_S}, {LONG_S + 1}], 2):
+for _ in LocalProcesses(2).run(time.sleep, [0.0, {LONG_S}, {LONG_S + 1}]):
     print("begun", flush=True)
 """
 
 
 def test_one_worker_is_this_process():
-    assert list(run_tasks(abs, [-1, -2], 1)) == [(-1, 1), (-2, 2)]
+    assert list(LocalProcesses(1).run(abs, [-1, -2])) == [(-1, 1), (-2, 2)]
 
 
 def test_workers_give_every_task_with_its_result():
-    assert sorted(run_tasks(abs, range(-5, 0), 2)) == [(-n, n) for n in (5, 4, 3, 2, 1)]
+    assert sorted(LocalProcesses(2).run(abs, range(-5, 0))) == [(-n, n) for n in (5, 4, 3, 2, 1)]
     assert not multiprocessing.active_children()
 
 
 def test_closing_ends_workers_in_the_middle_of_their_tasks():
-    with closing(run_tasks(time.sleep, [0.0, LONG_S, LONG_S + 1], 2)) as results:
+    with closing(LocalProcesses(2).run(time.sleep, [0.0, LONG_S, LONG_S + 1])) as results:
         next(results)
         start = time.monotonic()
     assert not multiprocessing.active_children()

@@ -10,9 +10,8 @@ import json
 import math
 import os
 import re
-import sys
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from pathlib import Path
 from typing import Annotated, Literal
@@ -23,6 +22,7 @@ from exposight.cell.campaign import check_new_key
 from exposight.cell.capture import Capture, CaptureKey
 from exposight.cell.capture_folder import (
     check_sha256,
+    read_beside,
     read_bytes,
     read_capture,
     read_key,
@@ -32,11 +32,9 @@ from exposight.cell.documents import StrictDocument, sealed_json, sha256_of, uns
 from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
+from exposight.cell.writer_lock import WRITER_LOCK, hold_writer_lock
 from exposight.durable import is_unfinished, sweep_unfinished, write_durably
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
-
-if sys.platform != "win32":
-    import fcntl
 
 __all__ = ["CampaignFolder", "CampaignWriter", "write_numbered_capture"]
 
@@ -47,7 +45,6 @@ _DESCRIPTION = "campaign.json"
 _SENSOR = "sensor.json"
 _FEATURES = "features.csv"
 _CAPTURES = "captures"
-_LOCK = "writer.lock"
 
 _POSE_TOLERANCE = 1e-9
 """Reading a pose makes its rotation exactly orthonormal, which changes its last digits."""
@@ -132,6 +129,26 @@ class CampaignFolder:
         for number in self.numbers:
             yield read_capture(_capture_path(self.path, number))
 
+    def beside(self, number: int) -> dict[str, bytes]:
+        """Return the contents of further files that lie beside a capture's image and cloud.
+
+        Parameters
+        ----------
+        number : int
+            One of `numbers`.
+
+        Returns
+        -------
+        dict of str to bytes
+            By name, sorted.
+
+        Raises
+        ------
+        MissingFileError, DamagedFileError, FormatError, VersionError
+            If one of them cannot be read; the message names the file.
+        """
+        return read_beside(_capture_path(self.path, number))
+
     def keys(self) -> tuple[CaptureKey, ...]:
         """Return the view and exposure time of every capture, in the order they were taken."""
         return tuple(read_key(_capture_path(self.path, number)) for number in self.numbers)
@@ -180,10 +197,9 @@ class CampaignWriter:
         """
         path = Path(path)
         _make_folder(path)
-        lock = _lock(path / _LOCK)
+        lock = hold_writer_lock(path, "the campaign")
         try:
-            sweep_unfinished(path)
-            sweep_unfinished(path / _CAPTURES)
+            _sweep(path)
             if not (path / _DESCRIPTION).exists():
                 _create(path, name, sensor, part)
             campaign = CampaignFolder(path)
@@ -227,6 +243,10 @@ class CampaignWriter:
         self._keys.append(capture.key)
         self._next += 1
 
+    def sweep(self) -> None:
+        """Remove what killed workers of this writer left half written."""
+        _sweep(self._campaign.path)
+
     def close(self) -> None:
         """Let the next writer in; closing twice does no harm."""
         self._release()
@@ -238,11 +258,14 @@ class CampaignWriter:
         self.close()
 
 
-def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
+def write_numbered_capture(
+    campaign: Path, number: int, capture: Capture, beside: Mapping[str, bytes] | None = None
+) -> None:
     """Write a capture under a number of its own, on behalf of a campaign's open writer.
 
     For the worker processes of a program that holds the campaign's `CampaignWriter`: it keeps
-    other programs out, and gives each of its workers numbers that nobody else has.
+    other programs out and tells its workers the numbers. Should two workers come to write the same
+    capture, as after one of them was taken for dead, the first one's is kept and both end well.
 
     Parameters
     ----------
@@ -252,13 +275,35 @@ def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> Non
         Where in the campaign's order the capture stands.
     capture : Capture
         Checked against the sensor by the caller (`Capture.check_fits`).
+    beside : mapping of str to bytes, optional
+        Names and contents of further files to keep with it.
 
     Raises
     ------
     FileError
-        If there is a capture of this number, the disk is full or refuses.
+        If there is another capture of this number, the disk is full or refuses.
     """
-    write_capture(_capture_path(campaign, number), capture)
+    path = _capture_path(campaign, number)
+    if _holds(path, capture.key):
+        return
+    try:
+        write_capture(path, capture, beside)
+    except FileError:
+        if not _holds(path, capture.key):  # else somebody was quicker
+            raise
+
+
+def _sweep(campaign: Path) -> None:
+    sweep_unfinished(campaign)
+    sweep_unfinished(campaign / _CAPTURES)
+
+
+def _holds(folder: Path, key: CaptureKey) -> bool:
+    """Tell whether a folder holds the capture of a view and exposure time."""
+    try:
+        return read_key(folder) == key
+    except FileError:
+        return False
 
 
 def _capture_path(campaign: Path, number: int) -> Path:
@@ -272,7 +317,7 @@ def _capture_numbers(folder: Path) -> Iterator[int]:
 
 
 def _make_folder(path: Path) -> None:
-    ours = {_CAPTURES, _SENSOR, _FEATURES, _LOCK}
+    ours = {_CAPTURES, _SENSOR, _FEATURES, WRITER_LOCK}
     if path.is_dir() and not (path / _DESCRIPTION).exists():
         others = [e for e in path.iterdir() if e.name not in ours and not is_unfinished(e)]
         others += list((path / _CAPTURES).glob("[0-9]*"))
@@ -304,33 +349,6 @@ def _create(path: Path, name: str, sensor: ActiveSensor, part: Part) -> None:
     write_durably(path / _FEATURES, features_csv)
     # Last, because its presence says that the campaign was made.
     write_durably(path / _DESCRIPTION, sealed_json(document))
-
-
-def _lock(path: Path) -> int:
-    """Open a lock file that only one process can hold; the system frees it when that one ends."""
-    try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        msg = f"{path} cannot be opened to write the campaign: {error.strerror or error}"
-        raise FileError(msg) from error
-    if sys.platform == "win32":  # no such lock there: one writer at a time is up to the user
-        return lock
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(lock)
-        if isinstance(error, BlockingIOError):
-            msg = (
-                f"another writer has the campaign in {path.parent} open; wait until it is done, or "
-                "close it"
-            )
-        else:
-            msg = (
-                f"{path} cannot be locked ({error.strerror or error}), so a second writer could "
-                "not be kept out; write the campaign to a local disk and copy it afterwards"
-            )
-        raise FileError(msg) from error
-    return lock
 
 
 def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part: Part) -> None:

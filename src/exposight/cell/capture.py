@@ -88,8 +88,9 @@ class Capture:
         Exposure time that was really taken.
     image : (rows, columns) ndarray of uint8 or uint16
         One stripe image of the first camera (Sect. 3.1.2 of the paper). Copied, made read-only.
-    cloud : Cloud
-        In the first camera's frame, mm.
+    cloud : Cloud or None
+        In the first camera's frame, mm; None where it was not kept, which is not the same as a
+        cloud without any point.
     camera_from_part : RigidTransform
         Where the part stood.
     bit_depth : {8, 12, 16}
@@ -110,7 +111,7 @@ class Capture:
     view: str
     exposure_ms: float
     image: NDArray[np.uint8] | NDArray[np.uint16]
-    cloud: Cloud
+    cloud: Cloud | None
     camera_from_part: RigidTransform
     bit_depth: int = 8
     emulated: bool = False
@@ -130,6 +131,26 @@ class Capture:
     def key(self) -> CaptureKey:
         """View and exposure time: what tells this capture from the others of its campaign."""
         return CaptureKey(self.view, self.exposure_ms)
+
+    def __str__(self) -> str:
+        return f"capture of view {self.view!r} at {self.exposure_ms:g} ms"
+
+    def require_cloud(self) -> Cloud:
+        """Return the cloud, for work that cannot do without.
+
+        Raises
+        ------
+        CloudError
+            If it was not kept.
+        """
+        if self.cloud is None:
+            msg = (
+                f"the {self} was kept without its cloud, so no points can be counted in it; take "
+                "it again with its cloud (a simulation without clouds has observed it already: "
+                "see observations.csv in its campaign)"
+            )
+            raise CloudError(msg)
+        return self.cloud
 
     def grey_levels(self) -> NDArray[np.uint8] | NDArray[np.float32]:
         """Return the image in grey levels from 0 to 255, the paper's scale.
@@ -157,17 +178,17 @@ class Capture:
             If the exposure time is outside the sensor's range.
         """
         size = (sensor.camera.height, sensor.camera.width)
-        where = f"capture of view {self.view!r} at {self.exposure_ms:g} ms"
         if self.image.shape != size:
             msg = (
-                f"{where}: sensor {sensor.name!r} takes images of {size[0]} rows × {size[1]} "
+                f"{self}: sensor {sensor.name!r} takes images of {size[0]} rows × {size[1]} "
                 f"columns, got {self.image.shape[0]} × {self.image.shape[1]}"
             )
             raise ImageError(msg)
-        if self.cloud.organised and self.cloud.valid.shape != size:
+        cloud = self.cloud
+        if cloud is not None and cloud.organised and cloud.valid.shape != size:
             msg = (
-                f"{where}: an organised cloud must have the image's {size[0]} rows × {size[1]} "
-                f"columns, got {self.cloud.valid.shape[0]} × {self.cloud.valid.shape[1]}"
+                f"{self}: an organised cloud must have the image's {size[0]} rows × {size[1]} "
+                f"columns, got {cloud.valid.shape[0]} × {cloud.valid.shape[1]}"
             )
             raise CloudError(msg)
         sensor.check_exposure(self.exposure_ms)

@@ -1,4 +1,4 @@
-"""One capture on disk: a folder with its description, its image and its cloud."""
+"""One capture on disk: a folder with its description, image, cloud, and what else is kept."""
 
 from __future__ import annotations
 
@@ -26,12 +26,15 @@ from exposight.errors import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
-__all__ = ["read_capture", "read_key", "write_capture"]
+__all__ = ["png_bytes", "read_beside", "read_capture", "read_key", "write_capture"]
 
 CAPTURE_FORMAT = "exposight capture"
-CAPTURE_VERSION = 1
+CAPTURE_VERSION = 2
+"""2: a capture may lack its cloud, and further files may lie beside it."""
 
 _DESCRIPTION = "capture.json"
 _IMAGE = "image.png"
@@ -41,6 +44,7 @@ _CLOUD = "cloud.npz"
 _PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 _Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+_FileName = Annotated[str, Field(pattern="^[A-Za-z0-9][A-Za-z0-9._-]*$")]  # never another folder's
 
 
 class CaptureDocument(StrictDocument):
@@ -55,19 +59,33 @@ class CaptureDocument(StrictDocument):
     notes: str
     camera_from_part: PoseMatrix
     image_sha256: _Checksum
-    cloud_sha256: _Checksum
+    cloud_sha256: _Checksum | None
+    beside_sha256: dict[_FileName, _Checksum] = Field(default_factory=dict)  # not in version 1
 
 
-def write_capture(folder: Path, capture: Capture) -> None:
+def write_capture(
+    folder: Path, capture: Capture, beside: Mapping[str, bytes] | None = None
+) -> None:
     """Write a capture as a new folder that appears whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder to make.
+    capture : Capture
+        What goes into it.
+    beside : mapping of str to bytes, optional
+        Names and contents of further files to lie in it.
 
     Raises
     ------
     FileError
         If the disk is full or refuses for another reason.
     """
-    image = _png(capture.image)
-    cloud = _npz(capture.cloud)
+    files = {**(beside or {}), _IMAGE: png_bytes(capture.image)}
+    if capture.cloud is not None:
+        files[_CLOUD] = _npz(capture.cloud)
+    checksums = {name: sha256_of(content) for name, content in files.items()}
     document = CaptureDocument(
         format="exposight capture",
         version=CAPTURE_VERSION,
@@ -77,12 +95,13 @@ def write_capture(folder: Path, capture: Capture) -> None:
         emulated=capture.emulated,
         notes=capture.notes,
         camera_from_part=rows_from_pose(capture.camera_from_part),
-        image_sha256=sha256_of(image),
-        cloud_sha256=sha256_of(cloud),
+        image_sha256=checksums.pop(_IMAGE),
+        cloud_sha256=checksums.pop(_CLOUD, None),
+        beside_sha256=checksums,
     )
     with durable_folder(folder) as unfinished:
-        (unfinished / _IMAGE).write_bytes(image)
-        (unfinished / _CLOUD).write_bytes(cloud)
+        for name, content in files.items():
+            (unfinished / name).write_bytes(content)
         (unfinished / _DESCRIPTION).write_bytes(sealed_json(document))
 
 
@@ -114,7 +133,9 @@ def read_capture(folder: Path) -> Capture:
     """
     document = _read_document(folder)
     image = _image_from_png(_verified(folder / _IMAGE, document.image_sha256), folder / _IMAGE)
-    cloud = _cloud_from_npz(_verified(folder / _CLOUD, document.cloud_sha256), folder / _CLOUD)
+    cloud = None
+    if document.cloud_sha256 is not None:
+        cloud = _cloud_from_npz(_verified(folder / _CLOUD, document.cloud_sha256), folder / _CLOUD)
     try:
         return Capture(
             view=document.view,
@@ -129,6 +150,23 @@ def read_capture(folder: Path) -> Capture:
     except InputError as error:
         msg = f"{folder}: {error}"
         raise FormatError(msg) from error
+
+
+def read_beside(folder: Path) -> dict[str, bytes]:
+    """Read the further files of a capture and verify their checksums.
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by name, sorted; empty where nothing lies beside image and cloud.
+
+    Raises
+    ------
+    MissingFileError, DamagedFileError, FormatError, VersionError
+        As `read_capture`.
+    """
+    checksums = _read_document(folder).beside_sha256
+    return {name: _verified(folder / name, checksums[name]) for name in sorted(checksums)}
 
 
 def _read_document(folder: Path) -> CaptureDocument:
@@ -183,7 +221,14 @@ def check_sha256(data: bytes, sha256: str, path: Path) -> bytes:
     return data
 
 
-def _png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+def png_bytes(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Return a grey image as the content of a lossless PNG file.
+
+    Raises
+    ------
+    ImageError
+        If PNG has nothing for such an array.
+    """
     done, encoded = cv2.imencode(".png", image, _PNG_OPTIONS)
     if not done:
         msg = f"an image of shape {image.shape} and type {image.dtype} cannot be written as PNG"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,16 +15,11 @@ from exposight.cli.measuring_plans import plan_from, print_plans
 from exposight.cli.output import (
     JsonOption,
     count,
-    note,
-    number,
-    percent,
-    print_facts,
     print_json,
     print_line,
-    print_table,
     progress_bars,
 )
-from exposight.errors import FormatError, MissingFileError
+from exposight.cli.simulation_summary import SimulationRun, print_run, run_document
 from exposight.twin.planned_views import views
 from exposight.twin.scene_files import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
 from exposight.twin.simulated_cell import (
@@ -35,13 +28,14 @@ from exposight.twin.simulated_cell import (
     simulate,
     simulate_observations,
 )
+from exposight.twin.view_captures import OBSERVATIONS_FILE
+from exposight.twin.view_tables import count_views, views_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from exposight.observing import ObservationTable
     from exposight.twin.plan import MeasuringPlan
-    from exposight.twin.planned_views import PlannedView
 
 _MOST_WORKERS = 8
 """More have to be asked for: each may take a gigabyte of memory."""
@@ -58,7 +52,8 @@ _CORES = _cores()
 _Plan = Annotated[
     str | None,
     typer.Argument(
-        metavar="PLAN", help="Measuring plan: a TOML file (docs/formats.md), or a name from --list."
+        metavar="PLAN",
+        help="Measuring plan: a TOML or YAML file (docs/formats.md), or a name from --list.",
     ),
 ]
 _Output = Annotated[
@@ -79,10 +74,41 @@ _RingsOnly = Annotated[
         "as from whole frames, in a fraction of the time.",
     ),
 ]
-_Workers = Annotated[int, typer.Option(min=1, help="Processes that work at the same time.")]
+_Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        show_default="one for each core, at most 8",
+        help="Processes on this machine that work at the same time.",
+    ),
+]
+_Cluster = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Let the workers of a Dask scheduler do it, tcp://host:8786. All must have this "
+        "version of exposight and, unless with --observe, reach the campaign's folder at the same "
+        "path: put it on a shared disk.",
+    ),
+]
 _Observe = Annotated[
     bool,
     typer.Option("--observe", help="Observe captures at once, and write the table instead."),
+]
+_NoClouds = Annotated[
+    bool,
+    typer.Option(
+        "--no-clouds",
+        help="Keep no point clouds: captures are observed when they are taken, and the campaign "
+        f"holds images, poses and {OBSERVATIONS_FILE}, which cannot be repeated from it.",
+    ),
+]
+_RawFrames = Annotated[
+    bool,
+    typer.Option(
+        "--raw-frames",
+        help="Keep every frame that a cloud was computed from beside it, for decode to read.",
+    ),
 ]
 _Scene = Annotated[
     Path | None,
@@ -101,29 +127,6 @@ _ExportScene = Annotated[
     ),
 ]
 _List = Annotated[bool, typer.Option("--list", help="List the plans that have a name, and leave.")]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Run:
-    """A plan that was carried out."""
-
-    plan: MeasuringPlan
-    part: str
-    planned: tuple[PlannedView, ...]
-    settings: CellSettings
-    before: int
-    captures: int
-    seconds: float
-    output: Path
-
-    def seen(self) -> dict[str, int]:
-        """Return in how many views each feature can be seen."""
-        counted = Counter(name for view in self.planned for name in view.visible)
-        return {name: counted[name] for name in self.plan.features}
-
-    def exposures_ms(self) -> tuple[float, float]:
-        exposures = [t for view in self.planned for t in view.exposures_ms]
-        return min(exposures), max(exposures)
 
 
 class _Tally:
@@ -145,8 +148,11 @@ def simulate_command(
     plan: _Plan = None,
     output: _Output = None,
     rings_only: _RingsOnly = False,
-    workers: _Workers = _CORES,
+    no_clouds: _NoClouds = False,
+    raw_frames: _RawFrames = False,
     observe: _Observe = False,
+    workers: _Workers = None,
+    cluster: _Cluster = None,
     scene: _Scene = None,
     export_folder: _ExportScene = None,
     list_plans: _List = False,
@@ -158,7 +164,8 @@ def simulate_command(
     every exposure time of the plan; clouds lack points where images clip, stay
     dark, or lie in shadow, as real ones do. The campaign is a folder like a
     recorded one. Run the same command again after an interruption and it goes
-    on; the result is the same, for any number of workers, to the last byte.
+    on; the result is the same, for any number of workers, here or on a cluster,
+    to the last byte.
 
     For example:
 
@@ -170,38 +177,38 @@ def simulate_command(
         print_plans(as_json=as_json)
         return
     if plan is None:
-        msg = "give a measuring plan: a TOML file, or a name from --list"
+        msg = "give a measuring plan: a TOML or YAML file, or a name from --list"
         raise typer.BadParameter(msg)
     chosen = plan_from(plan)
     if export_folder is not None:
         _export(chosen, scene, export_folder, as_json=as_json)
         return
-    settings = CellSettings(rings_only=rings_only, workers=workers, scene=scene)
+    if cluster is not None and workers is not None:
+        msg = "--workers are processes here, --cluster are others: give one of them"
+        raise typer.BadParameter(msg)
+    if observe and (no_clouds or raw_frames):
+        msg = "--observe keeps neither clouds nor frames: leave out --no-clouds and --raw-frames"
+        raise typer.BadParameter(msg)
+    settings = CellSettings(
+        rings_only=rings_only,
+        clouds=not no_clouds,
+        raw_frames=raw_frames,
+        workers=1 if cluster is not None else workers or _CORES,
+        cluster=cluster,
+        scene=scene,
+    )
     table: ObservationTable | None = None
     if observe:
-        output = output or Path("observations.csv")
-        _check_table_name(output)
-        run, table = _observed(chosen, output, settings)
-        table.write(output)
+        run, table = _observed(chosen, output or Path("observations.csv"), settings)
     else:
         run = _simulated(chosen, output or Path("campaign"), settings)
     if as_json:
-        print_json(_document(run, table))
+        print_json(run_document(run, table))
     else:
-        _print(run, table)
+        print_run(run, table)
 
 
-def _check_table_name(output: Path) -> None:
-    """Find out now, not after hours of work, that a table cannot be written."""
-    if output.suffix.lower() not in {".csv", ".parquet"}:
-        msg = f"{output}: an observation table ends in .csv or .parquet, got '{output.suffix}'"
-        raise FormatError(msg)
-    if not output.parent.is_dir():
-        msg = f"{output}: the folder {output.parent} does not exist; make it first"
-        raise MissingFileError(msg)
-
-
-def _simulated(plan: MeasuringPlan, output: Path, settings: CellSettings) -> _Run:
+def _simulated(plan: MeasuringPlan, output: Path, settings: CellSettings) -> SimulationRun:
     start = time.perf_counter()
     with progress_bars(keep=True, time_left=True) as progress:
         tally = _Tally(partial(progress, f"simulating {plan.name}"))
@@ -224,26 +231,28 @@ def _stopped(output: Path, tally: _Tally) -> str:
 
 def _observed(
     plan: MeasuringPlan, output: Path, settings: CellSettings
-) -> tuple[_Run, ObservationTable]:
+) -> tuple[SimulationRun, ObservationTable]:
     start = time.perf_counter()
     with progress_bars(keep=True, time_left=True) as progress:
         tally = _Tally(partial(progress, f"simulating and observing {plan.name}"))
         try:
-            table = simulate_observations(plan, settings, tally)
+            table = simulate_observations(plan, settings, tally, table_path=output)
         except KeyboardInterrupt as error:
-            msg = (
-                "stopped by Ctrl-C; --observe keeps nothing of an unfinished plan: without it, "
-                "captures are kept and the same command goes on"
-            )
+            msg = "stopped by Ctrl-C before the first view was finished"
+            if finished := count_views(output):
+                msg = (
+                    f"stopped by Ctrl-C; the observations of {finished} finished views are kept in "
+                    f"{views_folder(output)}, and the same command goes on"
+                )
             raise KeyboardInterrupt(msg) from error
     return _run_of(plan, output, settings, tally, time.perf_counter() - start), table
 
 
 def _run_of(
     plan: MeasuringPlan, output: Path, settings: CellSettings, tally: _Tally, seconds: float
-) -> _Run:
+) -> SimulationRun:
     part = scene_at(settings.scene).part
-    return _Run(
+    return SimulationRun(
         plan=plan,
         part=part.name,
         planned=views(plan, part, sensor_preset(plan.sensor)),
@@ -253,93 +262,6 @@ def _run_of(
         seconds=seconds,
         output=output,
     )
-
-
-def _size_bytes(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def _spell_size(size: int) -> str:
-    """Spell a size on disk with three digits."""
-    for unit, scale in (("GB", 1e9), ("MB", 1e6)):
-        if size >= scale:
-            return f"{number(size / scale, 3)} {unit}"
-    return f"{number(size / 1e3, 3)} kB"
-
-
-def _document(run: _Run, table: ObservationTable | None) -> dict[str, object]:
-    kinematic = sum(view.aligned_by == "kinematics" for view in run.planned)
-    shortest, longest = run.exposures_ms()
-    document: dict[str, object] = {
-        "plan": run.plan.name,
-        "sensor": run.plan.sensor,
-        "part": run.part,
-        "rings_only": run.settings.rings_only,
-        "workers": run.settings.workers,
-        "views": len(run.planned),
-        "views_aligned_by_kinematics": kinematic,
-        "views_of_feature": run.seen(),
-        "captures": run.captures,
-        "captures_before": run.before,
-        "exposures_ms": {"min": shortest, "max": longest},
-        "seconds": run.seconds,
-    }
-    if table is None:
-        return {**document, "bytes": _size_bytes(run.output), "campaign": run.output}
-    return {
-        **document,
-        "rows": len(table),
-        "visibility": table.counts(),
-        "observations": run.output,
-    }
-
-
-def _print(run: _Run, table: ObservationTable | None) -> None:
-    seen = run.seen()
-    taken = run.captures - run.before
-    shortest, longest = run.exposures_ms()
-    kinematic = sum(view.aligned_by == "kinematics" for view in run.planned)
-    each = f", {number(run.seconds / taken, 3)} s each" if taken else ""
-    found = sum(1 for n in seen.values() if n)
-    facts = [
-        (
-            "captures",
-            f"{count(run.captures)} {'of the rings' if run.settings.rings_only else 'whole frames'}"
-            + (f", of which {count(run.before)} were there before" if run.before else ""),
-        ),
-        ("views", f"{count(len(run.planned))}, of which {count(kinematic)} aligned by kinematics"),
-        (
-            "features",
-            f"{found} of {len(seen)} seen, {number(sum(seen.values()) / len(run.planned), 2)} a "
-            "view on average",
-        ),
-        ("exposure times", f"{number(shortest)} to {number(longest)} ms"),
-        ("time", f"{number(run.seconds, 3)} s{each}, by {_workers(run.settings.workers)}"),
-    ]
-    if table is None:
-        facts.append(("on disk", _spell_size(_size_bytes(run.output))))
-    print_facts(f"{run.plan.name}: part {run.part}, {run.plan.sensor}", facts)
-    blind = [name for name, n in seen.items() if not n]
-    if blind:
-        note(f"no view sees {', '.join(blind)}")
-    if table is None:
-        print_line(f"wrote the campaign: {run.output}")
-        print_line(f"next:               exposight observe {run.output}")
-        return
-    print_line("")
-    print_table(
-        ("features are", "rows", "share %"),
-        (
-            (reason, count(rows), percent(rows / len(table)))
-            for reason, rows in table.counts().items()
-        ),
-    )
-    print_line(f"wrote the observations: {run.output}")
-    print_line(f"next:                   exposight train {run.output}")
-
-
-def _workers(workers: int) -> str:
-    return "1 worker" if workers == 1 else f"{workers} workers"
 
 
 def _export(plan: MeasuringPlan, scene: Path | None, folder: Path, *, as_json: bool) -> None:

@@ -23,7 +23,9 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -33,7 +35,7 @@ from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.imaging.frames import BitDepth
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
 
-__all__ = ["read_sequence"]
+__all__ = ["read_sequence", "sequence_to_toml"]
 
 _Frame = Annotated[int, Field(ge=0)]
 _STRICT = ConfigDict(extra="forbid", frozen=True)
@@ -119,6 +121,40 @@ def read_sequence(path: str | Path) -> PatternSequence:
     except ImageError as error:
         msg = f"{path}: {error}"
         raise FormatError(msg) from error
+
+
+def sequence_to_toml(sequence: PatternSequence) -> str:
+    """Return a pattern sequence as TOML, for `read_sequence` to read back.
+
+    Parameters
+    ----------
+    sequence : PatternSequence
+        What the frames of a recording mean.
+    """
+    lines = [
+        f"{name} = {_toml_value(getattr(sequence, name))}"
+        for name in (
+            *("name", "projector_width", "projector_height", "bit_depth", "file_pattern"),
+            *("white_frame", "black_frame"),
+        )
+        if getattr(sequence, name) is not None
+    ]
+    for axis, coding, _ in sequence.axes():
+        gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+        if gray is not None:
+            lines += ["", f"[{axis}.gray_code]", *_toml_keys(gray)]
+        for fringe in coding.fringes if isinstance(coding, PhaseShift) else ():
+            lines += ["", f"[[{axis}.fringes]]", *_toml_keys(fringe)]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_keys(coding: GrayCode | Fringe) -> list[str]:
+    return [f"{name} = {_toml_value(value)}" for name, value in asdict(coding).items()]
+
+
+def _toml_value(value: object) -> str:
+    """Return a text, a number or a list of numbers as TOML, which writes them as JSON does."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _faults(error: ValidationError) -> str:

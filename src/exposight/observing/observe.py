@@ -73,8 +73,8 @@ def observe_campaign(
     Raises
     ------
     CloudError
-        If no capture of the campaign has a single valid point. (One dark or clipped capture
-        without any is an observation like others: its p_norm is 0.)
+        If a capture was kept without its cloud, or none of the campaign has a single valid point.
+        (One dark or clipped capture without any is an observation like others: its p_norm is 0.)
     """
     rows: list[Observation] = []
     views: tuple[FeatureView, ...] = ()
@@ -84,8 +84,9 @@ def observe_campaign(
         if capture.camera_from_part != seen_from:  # exposures of one view share its masks
             seen_from = capture.camera_from_part
             views = view_features(campaign.part, campaign.sensor, seen_from, tolerance)
-        total_points += capture.cloud.n_valid
-        search = point_search(capture.cloud, campaign.sensor.camera)
+        cloud = capture.require_cloud()
+        total_points += cloud.n_valid
+        search = point_search(cloud, campaign.sensor.camera)
         rows.extend(observe_capture(capture, views, search))
         if progress is not None:
             progress(done, len(campaign))

@@ -225,14 +225,37 @@ class DotSensor:
         SensorError
             If the sensor cannot take this exposure time.
         """
-        first, second = self.images(light, exposure_ms, seed)
+        images = self.images(light, exposure_ms, seed)
+        return self.matched(light, images, exposure_ms, view=view)
+
+    def matched(
+        self,
+        light: DotLight,
+        images: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        exposure_ms: float,
+        *,
+        view: str,
+    ) -> Capture:
+        """Match both images of one exposure: `capture` of given images.
+
+        Parameters
+        ----------
+        light : DotLight
+            The view's light.
+        images : (ndarray, ndarray), each (rows, columns) of uint8
+            As `images` took them.
+        exposure_ms : float, ms
+            At which they were taken.
+        view : str
+            The view's name.
+        """
         cloud = match_pair(
-            first, second, self.pair, depth_limits_mm=self.depth_limits_mm, limits=self.limits
+            *images, self.pair, depth_limits_mm=self.depth_limits_mm, limits=self.limits
         )
         return Capture(
             view=view,
             exposure_ms=exposure_ms,
-            image=first,
+            image=images[0],
             cloud=cloud,
             camera_from_part=light.camera_from_part,
         )

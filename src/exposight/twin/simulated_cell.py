@@ -2,93 +2,49 @@
 
 Views are independent: each is traced once and then exposed at all its times, several views at the
 same time in processes of their own. What one view gives depends on the plan and the view's name
-alone, so the result is the same for any number of workers and any interruption.
+alone, so the result is the same for any number of workers, here or on a cluster, and any
+interruption.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exposight.cell import (
-    CampaignFolder,
-    CampaignWriter,
-    Capture,
-    CaptureKey,
-    sensor_preset,
-    write_numbered_capture,
-)
-from exposight.errors import ExposightError, InputError
-from exposight.observing import (
-    Observation,
-    ObservationTable,
-    observe_capture,
-    point_search,
-    view_features,
-)
-from exposight.twin.active_stereo import DOT_LIGHT, DotSensor
-from exposight.twin.door import door
-from exposight.twin.light import LightModel
+import polars as pl
+
+from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey, sensor_preset
+from exposight.durable import write_durably
+from exposight.errors import InputError
+from exposight.observing import ObservationTable
+from exposight.twin.cell_settings import CellSettings
+from exposight.twin.cluster import DaskCluster
 from exposight.twin.planned_views import PlannedView, views
-from exposight.twin.scene_files import read_scene
-from exposight.twin.simulation_record import keep_record
-from exposight.twin.structured_light import StripeSensor, ring_boxes
-from exposight.twin.tracing import SceneTracer
-from exposight.twin.workers import run_tasks
+from exposight.twin.raw_frames import keep_meaning
+from exposight.twin.simulation_record import keep_record, scene_checksum
+from exposight.twin.view_captures import (
+    OBSERVATIONS_FILE,
+    ViewTask,
+    is_stereo,
+    observe_view,
+    scene_at,
+    write_view,
+)
+from exposight.twin.view_tables import ViewTables, check_table_path
+from exposight.twin.workers import LocalProcesses
 
 if TYPE_CHECKING:
-    from exposight.twin.optics import Lighting
+    from collections.abc import Collection
+
     from exposight.twin.plan import MeasuringPlan
-    from exposight.twin.scene import Scene
+    from exposight.twin.workers import Workers
 
 __all__ = ["CellSettings", "scene_at", "simulate", "simulate_observations"]
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CellSettings:
-    """How a plan is carried out; none of it changes what is measured, but `rings_only` the files.
-
-    Parameters
-    ----------
-    rings_only : bool
-        Trace and decode only the neighbourhoods of the features' rings: p_norm and i_avg are the
-        same as from whole frames, images are black and clouds empty elsewhere. Not for stereo
-        sensors, whose matching weighs whole rows.
-    workers : int
-        Processes that work at the same time; 1 stays in this one.
-    scene : Path or None
-        Folder of an exported scene (`exposight.twin.scene_files`); None for the door.
-
-    Raises
-    ------
-    InputError
-        If there is no worker.
-    """
-
-    rings_only: bool = False
-    workers: int = 1
-    scene: Path | None = None
-
-    def __post_init__(self) -> None:
-        if self.workers < 1:
-            msg = f"a simulation needs at least 1 worker, got {self.workers}"
-            raise InputError(msg)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ViewTask:
-    """One view of a plan, all that a worker process has to know."""
-
-    plan: MeasuringPlan
-    view: PlannedView
-    exposures_ms: tuple[float, ...]
-    settings: CellSettings
 
 
 def simulate(
@@ -99,6 +55,9 @@ def simulate(
 ) -> CampaignFolder:
     """Carry out a measuring plan and write its campaign; go on where an earlier run stopped.
 
+    More than one worker means processes that are begun afresh: a script then needs
+    ``if __name__ == "__main__":`` around what it does, as Python's `multiprocessing` explains.
+
     Parameters
     ----------
     plan : MeasuringPlan
@@ -107,7 +66,7 @@ def simulate(
         The campaign's folder, as in ``docs/formats.md``. Captures that are there are kept, those
         that are missing are taken: the result is the same as of one uninterrupted run.
     settings : CellSettings, optional
-        Workers, whole frames or rings only, scene.
+        Whole frames or rings only, what is kept, workers, scene.
     progress : callable, optional
         Called with (captures there, captures in all).
 
@@ -118,14 +77,15 @@ def simulate(
     Raises
     ------
     InputError
-        If the plan cannot be carried out, or the folder holds another plan's captures.
+        If the plan cannot be carried out, the folder holds another plan's captures, or there is no
+        such cluster.
     FileError
         If the disk is full or refuses. What was captured stays valid.
     NumericalError
-        If a worker process died. What was captured stays valid.
+        If a worker process here died, or a cluster gave up. What was captured stays valid.
     """
     settings = settings or CellSettings()
-    folder = Path(folder)
+    folder = Path(folder).resolve()  # workers may be elsewhere
     _check_rings(plan, settings)
     scene, sensor = scene_at(settings.scene), sensor_preset(plan.sensor)
     planned = views(plan, scene.part, sensor)
@@ -133,30 +93,35 @@ def simulate(
     with CampaignWriter.open_or_create(
         folder, name=plan.name, sensor=sensor, part=plan.observed_part(scene.part)
     ) as writer:
-        keep_record(
-            folder,
-            plan=plan,
-            scene=scene,
-            rings_only=settings.rings_only,
-            n_captures=len(writer.keys),
+        n_there = len(writer.keys)
+        record_sha256 = keep_record(
+            folder, plan=plan, scene=scene, settings=settings, n_captures=n_there, what="campaign"
         )
+        if n_there == 0:
+            keep_meaning(folder, sensor, wanted=settings.raw_frames)
         there = _captures_there(writer, numbers, folder)
-        tasks = _tasks(plan, planned, settings, there)
+        tasks = _tasks(plan, planned, settings, numbers.keys() - there)
         done = len(there)
         _tell(progress, done, len(numbers))
-        work = partial(_write_view, folder, numbers)
-        # Closed before the writer is, whatever happens: no worker may outlive the lock.
-        with closing(run_tasks(work, tasks, settings.workers)) as results:
+        work = partial(write_view, folder, record_sha256)
+        # Closed before the writer is, whatever happens: no process here may outlive the lock.
+        with closing(_workers(settings).run(work, tasks)) as results:
             for task, _ in results:
-                done += len(task.exposures_ms)
+                done += len(task.captures)
                 _tell(progress, done, len(numbers))
-    return CampaignFolder(folder)
+        writer.sweep()  # a cluster's worker may have died over a capture that another took
+        campaign = CampaignFolder(folder)
+        if not settings.clouds:
+            _write_table(campaign)
+    return campaign
 
 
 def simulate_observations(
     plan: MeasuringPlan,
     settings: CellSettings | None = None,
     progress: Progress | None = None,
+    *,
+    table_path: str | Path | None = None,
 ) -> ObservationTable:
     """Carry out a measuring plan and observe every capture at once, without writing any.
 
@@ -165,9 +130,13 @@ def simulate_observations(
     plan : MeasuringPlan
         From where and for how long to measure.
     settings : CellSettings, optional
-        Workers, whole frames or rings only, scene.
+        Whole frames or rings only, workers, scene; more than one worker as for `simulate`.
     progress : callable, optional
         Called with (captures done, captures in all).
+    table_path : path, optional
+        Where to write the table, .csv or .parquet. Until it is written, the observations of
+        finished views are kept in a folder beside it, and the same call goes on with them after
+        any interruption.
 
     Returns
     -------
@@ -177,39 +146,68 @@ def simulate_observations(
     Raises
     ------
     InputError
-        If the plan cannot be carried out.
+        If the plan cannot be carried out, the folder beside the table holds another one's views,
+        or there is no such cluster.
+    FileError
+        If the table cannot be written.
     NumericalError
-        If a worker process died.
+        If a worker process here died, or a cluster gave up.
     """
     settings = settings or CellSettings()
+    if table_path is not None:
+        table_path = Path(table_path)
+        check_table_path(table_path)
     _check_rings(plan, settings)
-    planned = views(plan, scene_at(settings.scene).part, sensor_preset(plan.sensor))
-    tasks = _tasks(plan, planned, settings, there=frozenset())
-    rows: dict[str, list[Observation]] = {}
-    total, done = sum(len(task.exposures_ms) for task in tasks), 0
-    _tell(progress, done, total)
-    with closing(run_tasks(_observe_view, tasks, settings.workers)) as results:
-        for task, observed in results:
-            rows[task.view.name] = observed
-            done += len(task.exposures_ms)
-            _tell(progress, done, total)
-    ordered = [row for view in planned for row in rows[view.name]]
-    return ObservationTable.from_observations(ordered)
+    scene = scene_at(settings.scene)
+    planned = views(plan, scene.part, sensor_preset(plan.sensor))
+    with ExitStack() as stack:
+        kept, found = None, {}
+        if table_path is not None:
+            kept = stack.enter_context(
+                ViewTables.open_beside(table_path, plan=plan, scene=scene, settings=settings)
+            )
+            rows = {view.name: kept.find(number) for number, view in enumerate(planned)}
+            found = {name: table for name, table in rows.items() if table is not None}
+        _observe_others(plan, planned, settings, found, kept, progress)
+        table = ObservationTable(frame=pl.concat(found[view.name].frame for view in planned))
+        if kept is not None and table_path is not None:
+            table.write(table_path)
+            kept.remove()
+    return table
 
 
-def scene_at(folder: Path | None) -> Scene:
-    """Return the scene in a folder, or the door; read once.
+def _observe_others(
+    plan: MeasuringPlan,
+    planned: tuple[PlannedView, ...],
+    settings: CellSettings,
+    found: dict[str, ObservationTable],
+    kept: ViewTables | None,
+    progress: Progress | None,
+) -> None:
+    """Observe the views that are not found yet, and add them."""
+    numbers = {view.name: number for number, view in enumerate(planned)}
+    keys = _numbers(planned)
+    tasks = _tasks(plan, planned, settings, {key for key in keys if key.view not in found})
+    done = len(keys) - sum(len(task.captures) for task in tasks)
+    _tell(progress, done, len(keys))
+    with closing(_workers(settings).run(observe_view, tasks)) as results:
+        for task, rows in results:
+            table = ObservationTable.from_observations(rows)
+            if kept is not None:
+                kept.keep(numbers[task.view.name], table)
+            found[task.view.name] = table
+            done += len(task.captures)
+            _tell(progress, done, len(keys))
 
-    Raises
-    ------
-    FileError, InputError
-        As for `read_scene`.
-    """
-    return _scene(None if folder is None else Path(folder).resolve())
+
+def _workers(settings: CellSettings) -> Workers:
+    if settings.cluster is not None:
+        return DaskCluster(settings.cluster)
+    return LocalProcesses(settings.workers)
 
 
 def _check_rings(plan: MeasuringPlan, settings: CellSettings) -> None:
-    if settings.rings_only and _is_stereo(plan.sensor):
+    if settings.rings_only and is_stereo(plan.sensor):
         msg = (
             f"plan {plan.name!r}: sensor {plan.sensor!r} matches whole images, so it cannot take "
             "rings only; take whole frames"
@@ -248,90 +246,32 @@ def _tasks(
     plan: MeasuringPlan,
     planned: tuple[PlannedView, ...],
     settings: CellSettings,
-    there: frozenset[CaptureKey],
-) -> list[_ViewTask]:
+    missing: Collection[CaptureKey],
+) -> list[ViewTask]:
+    """Return a task for each view of which captures are missing."""
+    scene_sha256 = scene_checksum(scene_at(settings.scene))
+    numbers = _numbers(planned)
     tasks = []
     for view in planned:
-        missing = tuple(t for t in view.exposures_ms if (view.name, t) not in there)
-        if missing:
-            tasks.append(_ViewTask(plan=plan, view=view, exposures_ms=missing, settings=settings))
+        keys = [CaptureKey(view.name, t) for t in view.exposures_ms]
+        captures = tuple((numbers[key], key.exposure_ms) for key in keys if key in missing)
+        if captures:
+            tasks.append(
+                ViewTask(
+                    plan=plan,
+                    view=view,
+                    captures=captures,
+                    settings=settings,
+                    scene_sha256=scene_sha256,
+                )
+            )
     return tasks
 
 
-def _write_view(folder: Path, numbers: dict[CaptureKey, int], task: _ViewTask) -> int:
-    sensor = sensor_preset(task.plan.sensor)
-    with _naming(task):
-        for capture in _captures(task):
-            capture.check_fits(sensor)
-            write_numbered_capture(folder, numbers[capture.key], capture)
-    return len(task.exposures_ms)
-
-
-def _observe_view(task: _ViewTask) -> list[Observation]:
-    sensor = sensor_preset(task.plan.sensor)
-    part = task.plan.observed_part(scene_at(task.settings.scene).part)
-    rows = []
-    with _naming(task):
-        seen = view_features(part, sensor, task.view.reported_camera_from_part)
-        for capture in _captures(task):
-            search = point_search(capture.cloud, sensor.camera)
-            rows.extend(observe_capture(capture, seen, search))
-    return rows
-
-
-@contextmanager
-def _naming(task: _ViewTask) -> Iterator[None]:
-    """Name plan and view in the messages of errors."""
-    try:
-        yield
-    except ExposightError as error:
-        msg = f"plan {task.plan.name!r}, view {task.view.name!r}: {error}"
-        raise type(error)(msg) from error
-
-
-def _captures(task: _ViewTask) -> Iterator[Capture]:
-    """Take a view's captures, one after the other."""
-    view = task.view
-    take = _look(task.plan, view, task.settings)
-    for exposure_ms in task.exposures_ms:
-        seed = (*view.seed, round(1000 * exposure_ms))
-        taken = take(exposure_ms, view=view.name, seed=seed)
-        notes = "; ".join(filter(None, (view.notes, taken.notes)))
-        yield replace(taken, camera_from_part=view.reported_camera_from_part, notes=notes)
-
-
-def _look(plan: MeasuringPlan, view: PlannedView, settings: CellSettings) -> Callable[..., Capture]:
-    """Trace a view; what is returned takes it at an exposure time (``StripeSensor.capture``)."""
-    tracer = _tracer(settings.scene)
-    simulated = _simulated_sensor(plan.sensor, plan.lighting)
-    if isinstance(simulated, DotSensor):
-        dots = simulated.look(tracer, view.true_camera_from_part)
-        return partial(simulated.capture, dots)
-    boxes = None
-    if settings.rings_only:
-        part = plan.observed_part(scene_at(settings.scene).part)
-        boxes = ring_boxes(part, simulated.sensor, view.reported_camera_from_part)
-    stripes = simulated.look(tracer, view.true_camera_from_part, boxes)
-    return partial(simulated.capture, stripes)
-
-
-@lru_cache(maxsize=2)
-def _scene(folder: Path | None) -> Scene:
-    return door() if folder is None else read_scene(folder)
-
-
-@lru_cache(maxsize=2)
-def _tracer(folder: Path | None) -> SceneTracer:
-    return SceneTracer(scene_at(folder))
-
-
-def _is_stereo(preset: str) -> bool:
-    return len(sensor_preset(preset).cameras) > 1
-
-
-@lru_cache(maxsize=4)
-def _simulated_sensor(preset: str, lighting: Lighting) -> StripeSensor | DotSensor:
-    sensor = sensor_preset(preset)
-    if _is_stereo(preset):
-        return DotSensor(sensor=sensor, light=replace(DOT_LIGHT, lighting=lighting))
-    return StripeSensor(sensor=sensor, light=LightModel(lighting=lighting))
+def _write_table(campaign: CampaignFolder) -> None:
+    """Write the observations of a campaign's captures, which lie beside them, as one table."""
+    header, rows = b"", []
+    for number in campaign.numbers:
+        header, _, body = campaign.beside(number)[OBSERVATIONS_FILE].partition(b"\n")
+        rows.append(body)
+    write_durably(campaign.path / OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))

@@ -1,12 +1,13 @@
-"""What a campaign's folder tells of its simulation, so that only the same one goes on in it.
+"""What a folder tells of the simulation that fills it, so that only the same one goes on in it.
 
-Beside the campaign's own files lie the plan, to be read or carried out again, and a description of
+Beside a campaign's own files lie the plan, to be read or carried out again, and a description of
 whatever else decides the captures' bytes.
 """
 
 from __future__ import annotations
 
 import hashlib
+import socket
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,21 +15,23 @@ from pydantic import Field
 
 from exposight.cell.documents import StrictDocument, sealed_json, sha256_of, unseal_json
 from exposight.durable import write_durably
-from exposight.errors import InputError
+from exposight.errors import FileError, InputError
 from exposight.twin.plan_file import plan_to_toml, read_plan
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from exposight.twin.cell_settings import CellSettings
     from exposight.twin.plan import MeasuringPlan
     from exposight.twin.scene import Scene
 
-__all__ = ["PLAN_FILE", "RECORD_FILE", "keep_record"]
+__all__ = ["PLAN_FILE", "RECORD_FILE", "check_record", "keep_record", "scene_checksum"]
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "simulation.json"
 
 RECORD_FORMAT = "exposight simulation"
-RECORD_VERSION = 1
+RECORD_VERSION = 2
+"""2: what is kept of a capture."""
 
 _Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -39,30 +42,46 @@ class _RecordDocument(StrictDocument):
     plan_sha256: _Checksum
     scene_sha256: _Checksum
     rings_only: bool
+    clouds: bool = True  # in version 1 there was no choice
+    raw_frames: bool = False
 
 
 def keep_record(
-    folder: Path, *, plan: MeasuringPlan, scene: Scene, rings_only: bool, n_captures: int
-) -> None:
-    """Record a simulation in a campaign's folder, or check that it is the one on record.
+    folder: Path,
+    *,
+    plan: MeasuringPlan,
+    scene: Scene,
+    settings: CellSettings,
+    n_captures: int,
+    what: str,
+) -> str:
+    """Record a simulation in the folder that it fills, or check that it is the one on record.
 
     Parameters
     ----------
     folder : Path
-        The campaign's folder, with its writer open.
+        Locked by this process.
     plan : MeasuringPlan
         From where and for how long is measured.
     scene : Scene
         What is measured.
-    rings_only : bool
-        Whether only the neighbourhoods of the features' rings are taken.
+    settings : CellSettings
+        What is taken and kept.
     n_captures : int
-        How many captures are there already.
+        How many captures are there already; the first of them makes the record binding.
+    what : str
+        What the folder is, for messages.
+
+    Returns
+    -------
+    str
+        Checksum of the record, for `check_record`.
 
     Raises
     ------
     InputError
-        If the captures there come from another plan, scene or extent, or were not simulated.
+        If the captures there come from another plan or scene, others are kept of them, or they
+        were not simulated.
     FileError
         If the record is damaged, or the disk refuses.
     """
@@ -71,23 +90,26 @@ def keep_record(
         format="exposight simulation",
         version=RECORD_VERSION,
         plan_sha256=sha256_of(plan_toml),
-        scene_sha256=_scene_sha256(scene),
-        rings_only=rings_only,
+        scene_sha256=scene_checksum(scene),
+        rings_only=settings.rings_only,
+        clouds=settings.clouds,
+        raw_frames=settings.raw_frames,
     )
     path = folder / RECORD_FILE
     if n_captures == 0:
         write_durably(folder / PLAN_FILE, plan_toml)
         write_durably(path, sealed_json(document))
-        return
+        return sha256_of(path.read_bytes())
     if not path.is_file():
         msg = (
-            f"the campaign in {folder} has {n_captures} captures and no {RECORD_FILE}: they were "
+            f"the {what} in {folder} has {n_captures} captures and no {RECORD_FILE}: they were "
             "not simulated; choose another folder"
         )
         raise InputError(msg)
+    content = path.read_bytes()
     known = unseal_json(
         _RecordDocument,
-        path.read_bytes(),
+        content,
         format_name=RECORD_FORMAT,
         newest=RECORD_VERSION,
         source=str(path),
@@ -95,10 +117,41 @@ def keep_record(
     difference = _difference(known, document, folder, plan)
     if difference:
         msg = (
-            f"the campaign in {folder} was simulated with {difference}; go on with that, or choose "
+            f"the {what} in {folder} was simulated with {difference}; go on with that, or choose "
             "another folder"
         )
         raise InputError(msg)
+    return sha256_of(content)
+
+
+def check_record(folder: Path, sha256: str) -> None:
+    """Check, in a worker process, that a folder is the one where the simulation is on record.
+
+    Parameters
+    ----------
+    folder : Path
+        The campaign's folder, as the process that began the simulation names it.
+    sha256 : str
+        What `keep_record` returned there.
+
+    Raises
+    ------
+    FileError
+        If there is no such folder here, or the one here is another.
+    """
+    path = folder / RECORD_FILE
+    try:
+        same = sha256_of(path.read_bytes()) == sha256
+        found = "another one is there"
+    except OSError as error:
+        same, found = False, error.strerror or str(error)
+    if not same:
+        msg = (
+            f"the campaign's folder {folder} is not the same on {socket.gethostname()}, where a "
+            f"worker is ({RECORD_FILE}: {found}); choose a folder that all workers reach at the "
+            "same path, or --observe, which needs none"
+        )
+        raise FileError(msg)
 
 
 def _difference(
@@ -116,10 +169,15 @@ def _difference(
         return (
             "rings only, not whole frames" if known.rings_only else "whole frames, not rings only"
         )
+    if known.clouds != wanted.clouds:
+        return "clouds kept, not without" if known.clouds else "no clouds kept, not with them"
+    if known.raw_frames != wanted.raw_frames:
+        return "raw frames kept, not without" if known.raw_frames else "no raw frames kept"
     return ""
 
 
-def _scene_sha256(scene: Scene) -> str:
+def scene_checksum(scene: Scene) -> str:
+    """Return the SHA-256 of a scene's triangles and finishes."""
     checksum = hashlib.sha256()
     for array in (scene.vertices, scene.faces, scene.face_finish):
         checksum.update(str(array.shape).encode())

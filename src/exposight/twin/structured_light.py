@@ -33,6 +33,8 @@ from exposight.twin.stripes import StripeLight, expose_stripes, stripe_light
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from exposight.cell import Part, Projector, RingTolerance
     from exposight.geometry import RigidTransform
     from exposight.twin.tracing import SceneTracer
@@ -215,13 +217,28 @@ class StripeSensor:
             If the sensor cannot take this exposure time.
         """
         stacks = self.frames(light, exposure_ms, seed)
+        return self.decoded(light, stacks, exposure_ms, view=view)
+
+    def decoded(
+        self, light: StripeLight, stacks: Sequence[FrameStack], exposure_ms: float, *, view: str
+    ) -> Capture:
+        """Decode the stripe images of one exposure and triangulate: `capture` of given frames.
+
+        Parameters
+        ----------
+        light : StripeLight
+            The view's light.
+        stacks : sequence of FrameStack
+            As `frames` took them.
+        exposure_ms : float, ms
+            At which they were taken.
+        view : str
+            The view's name.
+        """
         camera, projector = self.sensor.camera, self._projector
-        shown = self._fringes[-1].frames[0]
-        image = np.zeros((camera.height, camera.width), dtype=np.uint8)
         clouds = []
         for tile, stack in zip(light.tiles, stacks, strict=True):
             box = tile.box
-            image[box.top : box.bottom, box.left : box.right] = stack.frames[shown]
             cloud = triangulate(
                 decode(stack, self.sequence, self.limits),
                 camera=camera,
@@ -238,11 +255,31 @@ class StripeSensor:
         return Capture(
             view=view,
             exposure_ms=exposure_ms,
-            image=image,
+            image=self.whole_frame(light, stacks, self._fringes[-1].frames[0]),
             cloud=cloud,
             camera_from_part=light.camera_from_part,
             notes="" if light.is_whole else "only the neighbourhoods of the rings were taken",
         )
+
+    def whole_frame(
+        self, light: StripeLight, stacks: Sequence[FrameStack], frame: int
+    ) -> NDArray[np.uint8]:
+        """Return one of the stripe images in the camera's size, 0 where no tile is.
+
+        Parameters
+        ----------
+        light : StripeLight
+            The view's light.
+        stacks : sequence of FrameStack
+            As `frames` took them.
+        frame : int
+            Which one, from 0.
+        """
+        image = np.zeros((self.sensor.camera.height, self.sensor.camera.width), dtype=np.uint8)
+        for tile, stack in zip(light.tiles, stacks, strict=True):
+            box = tile.box
+            image[box.top : box.bottom, box.left : box.right] = stack.frames[frame]
+        return image
 
 
 def ring_boxes(

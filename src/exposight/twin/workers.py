@@ -1,4 +1,4 @@
-"""Worker processes of a simulation: begun afresh, heard one by one, never left alone."""
+"""Who does the tasks of a simulation: processes here, begun afresh and never left alone."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import threading
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numba
 
-from exposight.errors import NumericalError
+from exposight.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
     from multiprocessing.connection import Connection
 
-__all__ = ["run_tasks"]
+__all__ = ["LocalProcesses", "Workers"]
 
 _WAKE_S = 0.2
 """Ctrl-C does not everywhere wake a thread that waits for others, so this one wakes by itself."""
@@ -29,60 +30,102 @@ _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 
-def run_tasks(
-    work: Callable[[_Task], _Result], tasks: Sequence[_Task], workers: int
-) -> Generator[tuple[_Task, _Result]]:
-    """Do tasks, several at a time, and yield them with their results as they are done.
+class Workers(Protocol):
+    """Those who do tasks, several at a time."""
 
-    Close the generator (`contextlib.closing`) to be sure that no worker goes on: they end when it
-    is closed or fails, and when this process dies, whatever kills it.
+    def run(
+        self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
+    ) -> Generator[tuple[_Task, _Result]]:
+        """Do tasks and yield them with their results as they are done, in any order.
+
+        Close the generator (`contextlib.closing`) to be sure that no further task is begun.
+
+        Parameters
+        ----------
+        work : callable
+            What to do with a task; importable by other processes, as are the tasks and the
+            results. Doing a task twice must do no harm.
+        tasks : sequence
+            What to do.
+
+        Raises
+        ------
+        NumericalError
+            If there is nobody left to do a task.
+        ExposightError
+            That `work` raised.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class LocalProcesses:
+    """Processes on this machine.
+
+    They end when the generator of `run` is closed or fails, and when this process dies, whatever
+    kills it. They are begun afresh ("spawn"), so a script that uses more than one needs
+    ``if __name__ == "__main__":`` around what it does.
 
     Parameters
     ----------
-    work : callable
-        What to do with a task; importable by other processes, as are the tasks and the results.
-    tasks : sequence
-        Hashable.
-    workers : int, 1 or more
-        Processes; 1 works in this one.
+    count : int, 1 or more
+        How many; 1 works in this one.
 
     Raises
     ------
-    NumericalError
-        If a worker dies.
+    InputError
+        If there is none.
     """
-    if workers == 1 or len(tasks) <= 1:
-        yield from ((task, work(task)) for task in tasks)
-        return
-    # Fresh processes: forking one that has run compiled threads can hang.
-    context = multiprocessing.get_context("spawn")
-    leash, held = context.Pipe(duplex=False)
-    with (
-        leash,
-        held,
-        ProcessPoolExecutor(
-            max_workers=min(workers, len(tasks)),
-            mp_context=context,
-            initializer=_begin_worker,
-            initargs=(leash,),
-        ) as pool,
-    ):
-        try:
-            with _children_deaf_to_interrupts():
-                futures = {pool.submit(work, task): task for task in tasks}
-            while futures:
-                done, _ = wait(futures, timeout=_WAKE_S, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield futures.pop(future), future.result()
-        except BrokenProcessPool as error:
-            msg = (
-                "a worker process died (out of memory, or killed); what was captured is kept: run "
-                "again to go on, with fewer workers if memory was short"
-            )
-            raise NumericalError(msg) from error
-        except BaseException:  # an interrupt too: do not wait for what is being done
-            held.close()
-            raise
+
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            msg = f"tasks need at least 1 worker, got {self.count}"
+            raise InputError(msg)
+
+    def run(
+        self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
+    ) -> Generator[tuple[_Task, _Result]]:
+        """Do tasks and yield them with their results as they are done (`Workers`).
+
+        Raises
+        ------
+        NumericalError
+            If a worker dies.
+        """
+        if self.count == 1 or len(tasks) <= 1:
+            yield from ((task, work(task)) for task in tasks)
+            return
+        # Fresh processes: forking one that has run compiled threads can hang.
+        context = multiprocessing.get_context("spawn")
+        leash, held = context.Pipe(duplex=False)
+        with (
+            leash,
+            held,
+            ProcessPoolExecutor(
+                max_workers=min(self.count, len(tasks)),
+                mp_context=context,
+                initializer=_begin_worker,
+                initargs=(leash,),
+            ) as pool,
+        ):
+            try:
+                with _children_deaf_to_interrupts():
+                    futures = {pool.submit(work, task): task for task in tasks}
+                while futures:
+                    done, _ = wait(futures, timeout=_WAKE_S, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        yield futures.pop(future), future.result()
+            except BrokenProcessPool as error:
+                msg = (
+                    "a worker process died (out of memory, or killed); what was captured is kept: "
+                    "run again to go on, with fewer workers if memory was short"
+                )
+                raise NumericalError(msg) from error
+            except BaseException:  # an interrupt too: do not wait for what is being done
+                held.close()
+                raise
 
 
 @contextmanager
