@@ -57,3 +57,4 @@ requirements:  ## Pin the dependencies again, with hashes and without addresses
 
 clean:  ## Remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find src -name '*.nb[ic]' -delete

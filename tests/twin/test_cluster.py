@@ -115,9 +115,11 @@ def test_a_process_does_one_task_at_a_time_whatever_its_threads(cluster):
         assert all(ended <= begun for (_, ended), (begun, _) in pairwise(spans))
 
 
+@pytest.mark.parametrize("workers", [2, 4])
 def test_a_cluster_gives_the_same_bytes_as_one_process(
-    tmp_path, alone, settings, sheet_plan, content
+    tmp_path, alone, cluster, settings, sheet_plan, content, workers
 ):
+    cluster.with_workers(workers)
     reports = []
     simulate(sheet_plan, tmp_path / "c", settings, lambda *n: reports.append(n))
     assert content(tmp_path / "c") == content(alone)
