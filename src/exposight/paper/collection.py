@@ -1,0 +1,357 @@
+"""The study's campaigns: simulated, or recorded by somebody; observed once and kept.
+
+A folder of recorded campaigns holds, under the names of `CAMPAIGNS`, campaign folders
+(``docs/formats.md``) or tables of their observations: ``inside`` or ``inside.parquet`` or
+``inside.csv``, and so on. Features must have the paper's names, ``f1`` … ``f9``, ``f1_test`` …
+``f4_test``, ``f1_out`` … ``f5_out``. Only ``inside`` (and ``stereo-inside`` where the stereo sensor
+is asked for) must be there; what depends on the others is left out of the tables.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from exposight import __version__
+from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
+from exposight.cell.documents import sha256_of
+from exposight.durable import write_durably
+from exposight.errors import (
+    DamagedFileError,
+    FeatureError,
+    FileError,
+    MissingFileError,
+    ObservationError,
+    SensorError,
+)
+from exposight.observing import ObservationTable, observe_campaign, read_observations
+from exposight.paper.datasets import DATASETS, TEST, TRAINING
+from exposight.twin.cell_settings import CellSettings
+from exposight.twin.plan_file import plan_to_toml
+from exposight.twin.plan_presets import plan_preset
+from exposight.twin.simulated_cell import scene_at, simulate_observations
+from exposight.twin.simulation_record import scene_checksum
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from exposight.paper.result import SensorKind, StudySettings
+    from exposight.twin.plan import DepthPlane, MeasuringPlan, RandomPositions
+
+__all__ = ["CAMPAIGNS", "Campaign", "ObservedCampaign", "campaign_plan", "collect"]
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """A campaign that the study needs.
+
+    Parameters
+    ----------
+    name : str
+        What the study calls it.
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's.
+    required : bool
+        Whether a study of this sensor is impossible without it.
+    """
+
+    name: str
+    sensor: SensorKind
+    required: bool = False
+
+    def features(self) -> tuple[str, ...]:
+        """Return the features that the datasets take from it."""
+        used = (name for own in DATASETS if self.name in own.campaigns for name in own.features)
+        return tuple(dict.fromkeys(used))
+
+
+CAMPAIGNS: Final = (
+    Campaign(name="inside", sensor="structured-light", required=True),
+    Campaign(name="finer", sensor="structured-light"),
+    Campaign(name="lighting-1", sensor="structured-light"),
+    Campaign(name="lighting-2", sensor="structured-light"),
+    Campaign(name="lighting-3", sensor="structured-light"),
+    Campaign(name="outside", sensor="structured-light"),
+    Campaign(name="stereo-inside", sensor="stereo", required=True),
+    Campaign(name="stereo-outside", sensor="stereo"),
+)
+"""All campaigns, in the order in which they are measured."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObservedCampaign:
+    """A campaign's observations.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Which one.
+    sensor : ActiveSensor
+        That measured.
+    table : ObservationTable
+        A row for each feature and capture.
+    description : str
+        What was measured, in a line.
+    """
+
+    campaign: Campaign
+    sensor: ActiveSensor
+    table: ObservationTable
+    description: str
+
+
+def campaign_plan(campaign: Campaign, *, quick: bool) -> MeasuringPlan:
+    """Return the measuring plan by which a campaign is simulated.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Which one.
+    quick : bool
+        Measure a share of the positions and exposure times: of ``finer`` every second x and y (9 of
+        25 views), of ``stereo-inside`` a quarter of the x, a third of the y (20 of 240 views), of
+        ``stereo-outside`` two of six views; of both a third of the exposure times. The other
+        campaigns are measured in full.
+    """
+    plan = _full_plan(campaign.name)
+    if not quick:
+        return plan
+    match campaign.name:
+        case "finer":
+            return _thinned(plan, x=slice(0, None, 2), y=slice(0, None, 2), exposures=slice(None))
+        case "stereo-inside":
+            return _thinned(plan, x=slice(1, None, 4), y=slice(1, None, 3), exposures=_THIRD)
+        case "stereo-outside":
+            (positions,) = plan.random
+            fewer = replace(positions, count=2, exposures_ms=positions.exposures_ms[_THIRD])
+            return replace(plan, random=(fewer,))
+    return plan
+
+
+_THIRD = slice(1, None, 3)
+
+
+def _full_plan(name: str) -> MeasuringPlan:
+    match name:
+        case "finer":  # eX⁺⁺ less what `inside` has already
+            plan = plan_preset("ex-plusplus")
+            return replace(plan, name=name, planes=plan.planes[-1:])
+        case "outside":
+            return replace(plan_preset("x-out"), name=name)
+        case "stereo-inside":  # X and X test see the same views
+            return replace(plan_preset("stereo-x"), name=name, features=TRAINING + TEST)
+        case "stereo-outside":
+            return replace(plan_preset("stereo-x-out"), name=name)
+    return plan_preset(name)
+
+
+def _thinned(plan: MeasuringPlan, *, x: slice, y: slice, exposures: slice) -> MeasuringPlan:
+    planes = (
+        replace(
+            plane,
+            x_mm=plane.x_mm[x],
+            y_mm=plane.y_mm[y],
+            exposures_ms=plane.exposures_ms[exposures],
+        )
+        for plane in plan.planes
+    )
+    return replace(plan, planes=tuple(planes))
+
+
+def collect(
+    campaign: Campaign,
+    folder: Path,
+    settings: StudySettings,
+    progress: Callable[[int, int], None],
+) -> ObservedCampaign | None:
+    """Measure a campaign, or read somebody's; go on where an earlier run stopped.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Which one.
+    folder : Path
+        Where observations are kept, each under a name that has a checksum of what decides it; it
+        must exist. A table that is there and whole is used again.
+    settings : StudySettings
+        Recorded or simulated, quick or in full, by how many workers.
+    progress : callable
+        Called with (captures done, captures in all).
+
+    Returns
+    -------
+    ObservedCampaign or None
+        None where a recorded campaign is not there and not required.
+
+    Raises
+    ------
+    MissingFileError
+        If a required recorded campaign is not there.
+    FeatureError
+        If a recorded campaign lacks features that the study needs.
+    SensorError
+        If a recorded campaign is of the wrong kind of sensor.
+    ExposightError
+        As for `simulate_observations` and `observe_campaign`.
+    """
+    if settings.campaigns is None:
+        return _simulated(campaign, folder, settings, progress)
+    return _recorded(campaign, folder, settings.campaigns, progress)
+
+
+def _simulated(
+    campaign: Campaign,
+    folder: Path,
+    settings: StudySettings,
+    progress: Callable[[int, int], None],
+) -> ObservedCampaign:
+    plan = campaign_plan(campaign, quick=settings.quick)
+    decisive = (plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
+    path = folder / f"{campaign.name}-{_short(decisive)}.parquet"
+    table = _kept(path)
+    if table is None:
+        cell = CellSettings(rings_only=campaign.sensor != "stereo", workers=settings.workers)
+        table = simulate_observations(plan, cell, progress, table_path=path)
+        _seal(path)
+    return ObservedCampaign(
+        campaign=campaign,
+        sensor=sensor_preset(plan.sensor),
+        table=table,
+        description=_described(campaign, plan),
+    )
+
+
+def _described(campaign: Campaign, plan: MeasuringPlan) -> str:
+    full = _full_plan(campaign.name)
+    views, captures = _size(plan)
+    all_views, all_captures = _size(full)
+    share = (
+        ""
+        if (views, captures) == (all_views, all_captures)
+        else f"; the full study has {all_views} views and {all_captures} captures"
+    )
+    return f"{campaign.name}: {views} views, {captures} captures, simulated{share}"
+
+
+def _size(plan: MeasuringPlan) -> tuple[int, int]:
+    """Return numbers of planned views and captures."""
+    views = [_n_positions(group) for group in plan.groups]
+    counts = zip(views, plan.groups, strict=True)
+    return sum(views), sum(n * len(group.exposures_ms) for n, group in counts)
+
+
+def _n_positions(group: DepthPlane | RandomPositions) -> int:
+    return len(tuple(group.names() if hasattr(group, "names") else group.positions()))
+
+
+def _recorded(
+    campaign: Campaign, folder: Path, campaigns: Path, progress: Callable[[int, int], None]
+) -> ObservedCampaign | None:
+    source = _recording(campaign, campaigns)
+    if source is None:
+        return None
+    if source.is_dir():
+        sensor, table = _observed(source, folder, campaign, progress)
+    else:
+        table = read_observations(source)
+        preset = "rc-visard-65" if campaign.sensor == "stereo" else "comet-pro-ae"
+        sensor = sensor_preset(preset)  # a table does not say by what it was measured
+    known = set(table.names("feature"))
+    missing = [name for name in campaign.features() if name not in known]
+    if missing:
+        msg = (
+            f"{source}: the campaign lacks the features {', '.join(missing)}; the study needs "
+            f"{', '.join(campaign.features())} there, and it has {', '.join(sorted(known))}; "
+            "name the features as the paper does"
+        )
+        raise FeatureError(msg)
+    if len(table.measured()) == 0:
+        msg = f"{source}: none of its {len(table)} rows was measured; nothing can be learnt from it"
+        raise ObservationError(msg)
+    views = len(set(table.names("view")))
+    captures = table.frame.select("view", "exposure_ms").n_unique()
+    return ObservedCampaign(
+        campaign=campaign,
+        sensor=sensor,
+        table=table,
+        description=f"{campaign.name}: {views} views, {captures} captures, recorded",
+    )
+
+
+def _recording(campaign: Campaign, campaigns: Path) -> Path | None:
+    names = (campaign.name, f"{campaign.name}.parquet", f"{campaign.name}.csv")
+    for path in (campaigns / name for name in names):
+        if path.exists():
+            return path
+    if not campaign.required:
+        _logger.info("no campaign %s in %s: left out", campaign.name, campaigns)
+        return None
+    there = sorted(entry.name for entry in campaigns.iterdir()) if campaigns.is_dir() else []
+    msg = (
+        f"{campaigns}: expected a campaign folder {campaign.name} or a table {campaign.name}"
+        f".parquet or .csv, found {', '.join(there) or 'nothing'}; all names are "
+        f"{', '.join(own.name for own in CAMPAIGNS)}"
+    )
+    raise MissingFileError(msg)
+
+
+def _observed(
+    source: Path, folder: Path, campaign: Campaign, progress: Callable[[int, int], None]
+) -> tuple[ActiveSensor, ObservationTable]:
+    recording = CampaignFolder(source)
+    if (len(recording.sensor.cameras) > 1) != (campaign.sensor == "stereo"):
+        msg = (
+            f"{source}: expected a campaign of a {campaign.sensor} sensor, got one of "
+            f"{recording.sensor.name!r} with {len(recording.sensor.cameras)} cameras"
+        )
+        raise SensorError(msg)
+    # Documents carry the checksums of all other files.
+    documents = sorted(path for path in source.rglob("*.json") if path.is_file())
+    decisive = (*(sha256_of(path.read_bytes()) for path in documents), __version__)
+    path = folder / f"{campaign.name}-{_short(decisive)}.parquet"
+    table = _kept(path)
+    if table is None:
+        table = observe_campaign(recording, progress=progress)
+        table.write(path)
+        _seal(path)
+    return recording.sensor, table
+
+
+def _kept(path: Path) -> ObservationTable | None:
+    """Return the table that an earlier run kept; a damaged one is measured again."""
+    if not path.is_file():
+        return None
+    try:
+        _check_seal(path)
+        return read_observations(path)
+    except (FileError, ObservationError) as error:
+        _logger.warning("measured again: %s", error)
+        path.unlink()
+        return None
+
+
+def _seal_path(path: Path) -> Path:
+    return path.with_suffix(".sha256")
+
+
+def _seal(path: Path) -> None:
+    write_durably(_seal_path(path), sha256_of(path.read_bytes()).encode())
+
+
+def _check_seal(path: Path) -> None:
+    seal = _seal_path(path)
+    if not seal.is_file():  # killed between the two; the table itself is whole or absent
+        _seal(path)
+        return
+    if seal.read_bytes() != sha256_of(path.read_bytes()).encode():
+        msg = f"{path}: damaged: its checksum is not that in {seal.name}"
+        raise DamagedFileError(msg)
+
+
+def _short(decisive: tuple[str, ...]) -> str:
+    return hashlib.sha256("\n".join(decisive).encode()).hexdigest()[:12]

@@ -1,0 +1,58 @@
+"""The paper's figures as typed arrays: Figs. 5, 10–17 and 20–26. Nothing here draws."""
+
+from exposight.paper.figure_data.curves import (
+    BrightnessCurves,
+    ExposureRow,
+    FeaturePositions,
+    ObservedCurve,
+    TrainingPositions,
+    extreme_radii,
+    feature_positions,
+    nearest_row,
+    observed_curves,
+)
+from exposight.paper.figure_data.kernel_example import (
+    KernelExample,
+    KernelExamples,
+    kernel_examples,
+)
+from exposight.paper.figure_data.predictions import (
+    BestAndWorst,
+    CaptureForecast,
+    FeatureForecast,
+    PredictedCurve,
+    best_and_worst,
+    capture_forecast,
+)
+from exposight.paper.figure_data.study_figures import (
+    FigureData,
+    StudyFigure,
+    study_figures,
+)
+from exposight.paper.figure_data.surfaces import PredictionSurfaces, prediction_surfaces
+
+__all__ = [
+    "BestAndWorst",
+    "BrightnessCurves",
+    "CaptureForecast",
+    "ExposureRow",
+    "FeatureForecast",
+    "FeaturePositions",
+    "FigureData",
+    "KernelExample",
+    "KernelExamples",
+    "ObservedCurve",
+    "PredictedCurve",
+    "PredictionSurfaces",
+    "StudyFigure",
+    "TrainingPositions",
+    "best_and_worst",
+    "capture_forecast",
+    "extreme_radii",
+    "feature_positions",
+    "kernel_examples",
+    "nearest_row",
+    "observed_curves",
+    "prediction_surfaces",
+    "study_figures",
+]

@@ -1,0 +1,225 @@
+"""Observations as curves: what a feature gave in one view over all exposure times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import ObservationError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.observing import ObservationTable
+    from exposight.paper.result import SensorKind
+
+__all__ = [
+    "BrightnessCurves",
+    "ExposureRow",
+    "FeaturePositions",
+    "ObservedCurve",
+    "TrainingPositions",
+    "extreme_radii",
+    "feature_positions",
+    "nearest_row",
+    "observed_curves",
+]
+
+_COLUMNS = ("exposure_ms", "i_avg", "p_norm", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
+_ROW_WIDTH_MM = 10.0
+"""Positions of one row of a grid differ by alignment errors, "up to 5 mm" (Sect. 3.2.2), each."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObservedCurve:
+    """One feature seen from one view at k exposure times, the shortest first.
+
+    Parameters
+    ----------
+    feature, view : str
+        Names.
+    exposure_ms : (k,) ndarray
+        Exposure times in ms.
+    i_avg : (k,) ndarray
+        Mean grey values, 0–255.
+    p_norm : (k,) ndarray
+        Qualities.
+    x_mm, y_mm, z_mm : float
+        Position in the TCP frame, mean over the captures.
+    w_deg, p_deg : float
+        Orientation in the TCP frame.
+    radius_mm : float
+        The feature's radius.
+    """
+
+    feature: str
+    view: str
+    exposure_ms: NDArray[np.float64]
+    i_avg: NDArray[np.float64]
+    p_norm: NDArray[np.float64]
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    w_deg: float
+    p_deg: float
+    radius_mm: float
+
+    @property
+    def slope_ms(self) -> float:
+        """Milliseconds for one grey level: least squares of t_exp = slope · i_avg."""
+        return float(self.exposure_ms @ self.i_avg / (self.i_avg @ self.i_avg))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BrightnessCurves:
+    """p_norm over i_avg (Figs. 10 and 16).
+
+    Parameters
+    ----------
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's.
+    dataset : str
+        Where the rows come from.
+    curves : tuple of ObservedCurve
+        By feature, then view.
+    """
+
+    sensor: SensorKind
+    dataset: str
+    curves: tuple[ObservedCurve, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExposureRow:
+    """t_exp over i_avg of one feature along the sensor's x axis (Figs. 13 and 17).
+
+    Parameters
+    ----------
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's.
+    dataset : str
+        Where the rows come from.
+    curves : tuple of ObservedCurve
+        Views whose y and z are the nearest to 0 that there are, by growing x.
+    """
+
+    sensor: SensorKind
+    dataset: str
+    curves: tuple[ObservedCurve, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeaturePositions:
+    """Where one feature stood to the sensor, a point for each view (Fig. 21).
+
+    Parameters
+    ----------
+    feature : str
+        Its name.
+    positions_mm : (n, 3) ndarray
+        x, y, z in the TCP frame, mm.
+    """
+
+    feature: str
+    positions_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingPositions:
+    """Where all training features stood (Fig. 21).
+
+    Parameters
+    ----------
+    dataset : str
+        Where the rows come from.
+    features : tuple of FeaturePositions
+        By name.
+    """
+
+    dataset: str
+    features: tuple[FeaturePositions, ...]
+
+
+def observed_curves(table: ObservationTable) -> tuple[ObservedCurve, ...]:
+    """Return a curve for each feature and view that has measured rows, by feature, then view."""
+    measured = table.measured()
+    features, views = measured.names("feature"), measured.names("view")
+    values = measured.array(_COLUMNS)
+    curves = []
+    for feature, view in sorted(set(zip(features.tolist(), views.tolist(), strict=True))):
+        rows = values[(features == feature) & (views == view)]
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        x, y, z, w, p, radius = rows[:, 3:].mean(axis=0).tolist()
+        curves.append(
+            ObservedCurve(
+                feature=feature,
+                view=view,
+                exposure_ms=rows[:, 0],
+                i_avg=rows[:, 1],
+                p_norm=rows[:, 2],
+                x_mm=x,
+                y_mm=y,
+                z_mm=z,
+                w_deg=w,
+                p_deg=p,
+                radius_mm=radius,
+            )
+        )
+    return tuple(curves)
+
+
+def extreme_radii(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...]:
+    """Return the curves of the smallest and the largest feature (Fig. 16 shows two features)."""
+    radii = {curve.feature: curve.radius_mm for curve in curves}
+    if not radii:
+        return ()
+    chosen = {min(radii, key=radii.__getitem__), max(radii, key=radii.__getitem__)}
+    return tuple(curve for curve in curves if curve.feature in chosen)
+
+
+def nearest_row(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...]:
+    """Return the first feature's curves along x whose y and z are nearest to 0, by growing x.
+
+    The paper shows y_tcp = z_tcp = 0 (Figs. 13 and 17). A grid of an even number of positions has
+    no such row; then the nearest one is shown.
+
+    Parameters
+    ----------
+    curves : tuple of ObservedCurve
+        Of at least two exposure times each; shorter ones are left out.
+
+    Raises
+    ------
+    ObservationError
+        If no curve is left.
+    """
+    long = [curve for curve in curves if len(curve.exposure_ms) > 1]
+    if not long:
+        msg = f"a trend needs a feature at two exposure times of one view, got {len(curves)} curves"
+        raise ObservationError(msg)
+    feature = min(curve.feature for curve in long)
+    own = [curve for curve in long if curve.feature == feature]
+    nearest = min(own, key=lambda curve: (float(np.hypot(curve.y_mm, curve.z_mm)), curve.view))
+    row = [
+        curve
+        for curve in own
+        if abs(curve.y_mm - nearest.y_mm) <= _ROW_WIDTH_MM
+        and abs(curve.z_mm - nearest.z_mm) <= _ROW_WIDTH_MM
+    ]
+    return tuple(sorted(row, key=lambda curve: (curve.x_mm, curve.view)))
+
+
+def feature_positions(table: ObservationTable) -> tuple[FeaturePositions, ...]:
+    """Return where each feature stood, by the features' names."""
+    curves = observed_curves(table)
+    return tuple(
+        FeaturePositions(
+            feature=feature,
+            positions_mm=np.array(
+                [(own.x_mm, own.y_mm, own.z_mm) for own in curves if own.feature == feature]
+            ),
+        )
+        for feature in sorted({curve.feature for curve in curves})
+    )

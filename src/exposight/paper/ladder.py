@@ -1,0 +1,242 @@
+"""The ladder of models, rung by rung: what each learns from, and what it is judged by.
+
+Sects. 3.3 and 3.4 of the paper add one thing after the other to a model; Sect. 4 takes the best of
+them to other lighting, another sensor and other finishes. All lines of Tables 2 to 6 are here, and
+beside every validation on a random split one on a split by whole views.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from exposight.models import model_named
+from exposight.models.exposure_time import product_kernel
+from exposight.paper.datasets import OUTSIDE, POSE, POSITION
+from exposight.paper.result import Rung, RungEvaluation, SensorKind
+
+if TYPE_CHECKING:
+    from exposight.models import ModelSpecification
+
+__all__ = ["LADDER", "LEARNING_RUNGS"]
+
+_FINISHES = (
+    ("f1-5_out", ()),
+    ("f1_out", OUTSIDE[:1]),
+    ("f2-3_out", OUTSIDE[1:3]),
+    ("f4-5_out", OUTSIDE[3:]),
+)
+"""Features by finish (Sect. 4.3.1): all, then the three groups."""
+
+
+def _rung(
+    name: str,
+    title: str,
+    dataset: str,
+    table: int,
+    specification: ModelSpecification,
+    *,
+    paper: str,
+    suffix: str = "",
+    tests: tuple[str, ...] = ("test",),
+    further: tuple[RungEvaluation, ...] = (),
+) -> Rung:
+    """Make a rung with its lines of Tables 2, 3 or 5.
+
+    Parameters
+    ----------
+    name, title, dataset : str
+        As in `Rung`.
+    table : int
+        The paper's table.
+    specification : ModelSpecification
+        Renamed here.
+    paper : str
+        How the paper begins the names of its datasets, with the number of inputs: ``eX4``.
+    suffix : str
+        How the validation dataset's name ends: ``_plus`` for ᵉX⁺.
+    tests : tuple of {'test', 'test_inside'}
+        Which unseen rows judge it.
+    further : tuple of RungEvaluation
+        Lines of Tables 4 and 6.
+    """
+    sensor: SensorKind = "stereo" if dataset.startswith("s2_") else "structured-light"
+    unseen = ("s2_" if sensor == "stereo" else "") + paper.rstrip("0123456789") + "_test"
+    learnt = "f1-9" if suffix else "f1-4"
+    lines = [
+        RungEvaluation(
+            table=table,
+            dataset=dataset,
+            role="validation",
+            paper_dataset=f"{paper}_val{suffix}",
+            paper_features=learnt,
+        ),
+        RungEvaluation(
+            table=table,
+            dataset=dataset,
+            role="validation_by_view",
+            paper_dataset=f"{paper}_val{suffix}_by_view",
+            paper_features=learnt,
+        ),
+    ]
+    if "test" in tests:
+        lines.append(
+            RungEvaluation(
+                table=table,
+                dataset=unseen,
+                role="test",
+                paper_dataset=f"{paper}_test",
+                paper_features="f1-4_test",
+            )
+        )
+    if "test_inside" in tests:
+        lines.append(
+            RungEvaluation(
+                table=table,
+                dataset=unseen,
+                role="test_inside",
+                paper_dataset=f"{paper}_test_i",
+                paper_features="f1-4_test",
+                inside=POSE,
+            )
+        )
+    return Rung(
+        name=name,
+        title=title,
+        sensor=sensor,
+        specification=replace(specification, name=name, title=title),
+        dataset=dataset,
+        evaluations=(*lines, *further),
+    )
+
+
+def _lighting() -> tuple[RungEvaluation, ...]:
+    """Return the lines of Table 4."""
+    return tuple(
+        RungEvaluation(
+            table=4,
+            dataset=f"X_lighting_{scenario}",
+            role="extended",
+            paper_dataset=f"X_lighting_{scenario}",
+            paper_features="f1-3_test",
+        )
+        for scenario in ("I", "II", "III")
+    )
+
+
+def _outside(dataset: str, paper_dataset: str) -> tuple[RungEvaluation, ...]:
+    """Return the lines of Table 6: rows inside the training rows' spatial range (Sect. 4.3.1).
+
+    The range of positions alone: Table 9's orientations outside lie beyond those trained on.
+    """
+    return tuple(
+        RungEvaluation(
+            table=6,
+            dataset=dataset,
+            role="extended",
+            paper_dataset=paper_dataset,
+            paper_features=label,
+            features=features,
+            inside=POSITION,
+        )
+        for label, features in _FINISHES
+    )
+
+
+def _quality() -> tuple[Rung, ...]:
+    first = tuple(
+        _rung(f"q_k{d}", f"quality, {d}D", "X", 2, model_named(f"q_k{d}"), paper=f"X{d}")
+        for d in (1, 2, 3)
+    )
+    return (
+        *first,
+        _rung(
+            "q_k4",
+            "quality, 4D",
+            "X",
+            2,
+            model_named("q_k4"),
+            paper="X4",
+            further=(*_lighting(), *_outside("X_out", "X_out")),
+        ),
+        _rung("q_k6", "quality, 6D", "X", 2, model_named("q_k6"), paper="X6"),
+    )
+
+
+def _exposure_time() -> tuple[Rung, ...]:
+    first = tuple(
+        _rung(f"e_k{d}", f"exposure time, {d}D", "eX", 3, model_named(f"e_k{d}"), paper=f"eX{d}")
+        for d in (1, 2, 3)
+    )
+    both = ("test", "test_inside")
+    later = tuple(
+        _rung(
+            name,
+            f"exposure time, {title}",
+            f"eX{suffix}",
+            3,
+            model_named(model),
+            paper=f"eX{model[3]}",
+            suffix=suffix,
+            tests=both,
+            further=(*_lighting(), *_outside("X_out", "eX_out")) if name == "e_k6" else (),
+        )
+        for name, title, model, suffix in (
+            ("e_k4", "4D", "e_k4", ""),
+            ("e_k4_plus", "4D, more features", "e_k4", "_plus"),
+            ("e_k6_plus", "6D, more features", "e_k6_plus", "_plus"),
+            ("e_k6_plusplus", "6D, finer steps", "e_k6_plus", "_plusplus"),
+            ("e_k6_star", "6D ARD", "e_k6_star", "_plusplus"),
+            ("e_k6", "6D product", "e_k6", "_plusplus"),
+            ("e_k6_lin", "6D linear", "e_k6_lin", "_plusplus"),
+        )
+    )
+    return (*first, *later)
+
+
+def _stereo() -> tuple[Rung, ...]:
+    # Table 8: the stereo sensor's 4D kernel is a product too, with a length scale for each input.
+    e_k4 = model_named("e_k4")
+    product_4d = replace(e_k4, kernel=product_kernel(len(e_k4.inputs)), source="Sect. 4.2.3")
+    both = ("test", "test_inside")
+    return tuple(
+        _rung(
+            name,
+            f"stereo, {title}",
+            dataset,
+            5,
+            specification,
+            paper=paper,
+            tests=both if further or name == "q_k6_s2" else ("test",),
+            further=further,
+        )
+        for name, title, dataset, paper, specification, further in (
+            ("q_k1_s2", "quality, 1D", "s2_X", "X1", model_named("q_k1"), ()),
+            (
+                "q_k4_s2",
+                "quality, 4D",
+                "s2_X",
+                "X4",
+                model_named("q_k4"),
+                _outside("s2_X_out", "X_s2_out"),
+            ),
+            ("q_k6_s2", "quality, 6D", "s2_X", "X6", model_named("q_k6"), ()),
+            ("e_k1_s2", "exposure time, 1D", "s2_eX", "eX1", model_named("e_k1"), ()),
+            ("e_k4_s2", "exposure time, 4D product", "s2_eX", "eX4", product_4d, ()),
+            (
+                "e_k6_s2",
+                "exposure time, 6D product",
+                "s2_eX",
+                "eX6",
+                model_named("e_k6"),
+                _outside("s2_X_out", "eX_s2_out"),
+            ),
+        )
+    )
+
+
+LADDER: Final = (*_quality(), *_exposure_time(), *_stereo())
+"""All rungs, in the order of Tables 2, 3 and 5."""
+
+LEARNING_RUNGS: Final = (("q_k4", "test"), ("e_k6", "test_inside"))
+"""Rungs whose learning curves are Figs. 22 and 23, and the rows that judge them."""

@@ -1,0 +1,145 @@
+"""Trained rungs held against every set of rows that the paper judges them by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import ObservationError
+from exposight.gp import GaussianProcess
+from exposight.models import Evaluation, TrainedModel, evaluate
+from exposight.paper.datasets import inside_range
+from exposight.paper.result import Score
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from exposight.observing import ObservationTable
+    from exposight.paper.result import Dataset, Rung, RungEvaluation
+
+__all__ = ["reconditioned", "score_on", "score_rung"]
+
+
+def score_rung(
+    rung: Rung, model: TrainedModel, datasets: Mapping[str, Dataset]
+) -> tuple[Score, ...]:
+    """Judge a trained rung by all its lines.
+
+    Parameters
+    ----------
+    rung : Rung
+        What it is.
+    model : TrainedModel
+        Trained on ``datasets[rung.dataset].train``.
+    datasets : mapping of str to Dataset
+        All datasets by name.
+
+    Returns
+    -------
+    tuple of Score
+        In the order of ``rung.evaluations``.
+    """
+    own = datasets[rung.dataset]
+    train = _known(own.train, own)
+    by_view: TrainedModel | None = None
+    scores = []
+    for line in rung.evaluations:
+        judged = model
+        if line.role == "validation_by_view":
+            if by_view is None:
+                by_view = reconditioned(model, _known(own.train_by_view, own))
+            judged = by_view
+        rows = _rows(line, datasets, train)
+        scores.append(score_on(rung.name, line, judged, rows))
+    return tuple(scores)
+
+
+def score_on(rung: str, line: RungEvaluation, model: TrainedModel, rows: ObservationTable) -> Score:
+    """Judge a model by rows.
+
+    Parameters
+    ----------
+    rung : str
+        Its name.
+    line : RungEvaluation
+        What the rows are.
+    model : TrainedModel
+        To be judged.
+    rows : ObservationTable
+        Of them, those that are of the model's kind are used (`ModelSpecification.rows`).
+
+    Returns
+    -------
+    Score
+        Without figures where no row is left.
+    """
+    if len(model.specification.rows(rows)) == 0:
+        return Score(
+            rung=rung, evaluation=line, result=None, score=None, relative_error_percent=None
+        )
+    result = evaluate(model, rows)
+    return Score(
+        rung=rung,
+        evaluation=line,
+        result=result,
+        score=result.score,
+        relative_error_percent=_relative_error_percent(result),
+    )
+
+
+def reconditioned(model: TrainedModel, rows: ObservationTable) -> TrainedModel:
+    """Return a model with the same hyperparameters that has learnt from other rows.
+
+    Used for the split by view: which rows train changes what a model knows, while the handful of
+    hyperparameters, found from a thousand rows of the same kind, stay nearly the same.
+
+    Parameters
+    ----------
+    model : TrainedModel
+        Whose hyperparameters to take.
+    rows : ObservationTable
+        To learn from.
+    """
+    specification, process = model.specification, model.process
+    x, y = specification.data(specification.rows(rows))
+    return replace(
+        model, process=GaussianProcess.condition(process.kernel, process.noise_variance, x, y)
+    )
+
+
+def _rows(
+    line: RungEvaluation, datasets: Mapping[str, Dataset], train: ObservationTable
+) -> ObservationTable:
+    dataset = datasets[line.dataset]
+    match line.role:
+        case "validation":
+            return _known(dataset.validation, dataset)
+        case "validation_by_view":
+            return _known(dataset.validation_by_view, dataset)
+        case _:
+            table = dataset.table
+    if line.features:
+        table = table.where(np.isin(table.names("feature"), line.features))
+    if line.inside and len(table):
+        table = table.where(inside_range(train, table, line.inside))
+    return table
+
+
+def _known(table: ObservationTable | None, dataset: Dataset) -> ObservationTable:
+    if table is None:
+        msg = (
+            f"dataset {dataset.name!r} is not split, since it has {len(dataset.table)} "
+            "observations; nothing can learn from it"
+        )
+        raise ObservationError(msg)
+    return table
+
+
+def _relative_error_percent(result: Evaluation) -> float | None:
+    """Mean of |predicted − true| / true in percent, for exposure times, which are above 0."""
+    if result.specification.target != "exposure_ms":
+        return None
+    error = np.abs(result.prediction.mean - result.observed) / result.observed
+    return float(100.0 * error.mean())

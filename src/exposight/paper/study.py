@@ -1,0 +1,287 @@
+"""The whole study: measure, train, judge. Every dataset and model is kept as soon as it is done.
+
+::
+
+    FOLDER/
+      observations/   a table for each campaign
+      models/         a file for each trained model
+
+Both are named by checksums of what they were made from, so running again uses what is there, and a
+changed setting makes only what it changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from exposight import __version__
+from exposight.errors import FileError
+from exposight.evaluation import maximal_information_matrix
+from exposight.observing import ObservationTable
+from exposight.paper.collection import CAMPAIGNS, ObservedCampaign, collect
+from exposight.paper.datasets import DATASETS, build_dataset
+from exposight.paper.findings import judge
+from exposight.paper.ladder import LADDER, LEARNING_RUNGS
+from exposight.paper.result import (
+    Dataset,
+    DependenceMatrix,
+    LearningCurve,
+    LearningStep,
+    Rung,
+    SensorKind,
+    StudyResult,
+    StudySettings,
+    TrainedRung,
+)
+from exposight.paper.scores import score_on, score_rung
+from exposight.paper.special_findings import Evidence
+from exposight.paper.tables import build_tables
+from exposight.paper.training import Training, train_all
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from exposight.cell import ActiveSensor
+    from exposight.models import TrainedModel
+
+__all__ = ["DEPENDENCE_COLUMNS", "run_study"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the stage's name, what of it is done, and how much there is."""
+
+DEPENDENCE_COLUMNS: Final = (
+    "p_norm",
+    "exposure_ms",
+    "i_avg",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "w_deg",
+    "p_deg",
+    "radius_mm",
+)
+"""Variables of Fig. 20, but r, which is 0."""
+
+_LEARNING_DIVISORS: Final = (16, 8, 4, 2)
+"""Fractions of the training rows on Figs. 22 and 23, before all."""
+
+_RESTARTS, _QUICK_RESTARTS = 3, 1
+"""Starts of a fit; the paper took three (Sect. 3.3.4)."""
+
+_DEPENDENCE_ROWS = 1000
+"""Rows of which coefficients are computed, drawn evenly where there are more, as time grows with
+their square; about as many as the paper's 912."""
+
+
+def run_study(
+    folder: Path, settings: StudySettings | None = None, progress: Progress | None = None
+) -> StudyResult:
+    """Carry out the paper's study; go on where an earlier run stopped.
+
+    Parameters
+    ----------
+    folder : Path
+        Where observations and models are kept; made if it is not there.
+    settings : StudySettings, optional
+        Which sensors, quick or in full, simulated or recorded, seed, workers.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    StudyResult
+        The same for the same settings, whatever was kept before and however many workers.
+
+    Raises
+    ------
+    ExposightError
+        As for `collect` and `train_all`: a missing or unfit recorded campaign, too few
+        observations, a full disk.
+    """
+    settings = settings or StudySettings()
+    tell = progress or _silent
+    observations, models = _make_folders(Path(folder))
+    observed = _measure(observations, settings, tell)
+    datasets = {
+        own.name: build_dataset(own, {k: o.table for k, o in observed.items()}, settings)
+        for own in DATASETS
+        if own.sensor in settings.sensors
+    }
+    ladder = tuple(rung for rung in LADDER if _can_learn(datasets.get(rung.dataset)))
+    sensors = {o.campaign.sensor: o.sensor for o in observed.values() if o.campaign.required}
+    trained, curves = _train(ladder, datasets, sensors, models, settings, tell)
+    tables = build_tables(tuple(datasets.values()), trained)
+    dependence = _dependence(datasets, settings, tell)
+    evidence = Evidence(
+        datasets=datasets,
+        rungs={own.rung.name: own for own in trained},
+        dependence={datasets[own.dataset].sensor: own for own in dependence},
+        learning={curve.rung: curve for curve in curves},
+    )
+    return StudyResult(
+        settings=settings,
+        exposight_version=__version__,
+        campaigns=tuple(own.description for own in observed.values()),
+        datasets=tuple(datasets.values()),
+        rungs=trained,
+        tables=tables,
+        dependence=dependence,
+        learning_curves=curves,
+        findings=judge(
+            tables.scores, evidence, settings.sensors, simulated=settings.campaigns is None
+        ),
+    )
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Tell nobody how far work is."""
+
+
+def _make_folders(folder: Path) -> tuple[Path, Path]:
+    folders = folder / "observations", folder / "models"
+    for own in folders:
+        try:
+            own.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            msg = f"{own} cannot be used for output: {error.strerror or error}"
+            raise FileError(msg) from error
+    return folders
+
+
+def _measure(folder: Path, settings: StudySettings, tell: Progress) -> dict[str, ObservedCampaign]:
+    observed = {}
+    for campaign in CAMPAIGNS:
+        if campaign.sensor not in settings.sensors:
+            continue
+        own = collect(campaign, folder, settings, partial(tell, f"measuring {campaign.name}"))
+        if own is not None:
+            observed[campaign.name] = own
+    return observed
+
+
+def _can_learn(dataset: Dataset | None) -> bool:
+    return dataset is not None and dataset.train is not None
+
+
+def _train(
+    ladder: tuple[Rung, ...],
+    datasets: Mapping[str, Dataset],
+    sensors: Mapping[SensorKind, ActiveSensor],
+    folder: Path,
+    settings: StudySettings,
+    tell: Progress,
+) -> tuple[tuple[TrainedRung, ...], tuple[LearningCurve, ...]]:
+    """Train the rungs, and some of them on fewer rows, all in one go so that no worker waits."""
+    rungs = {rung.name: rung for rung in ladder}
+    full = {rung.name: _training(rung, datasets, sensors, settings) for rung in ladder}
+    fewer = {
+        name: tuple(_fewer(full[name], divisor, settings) for divisor in _LEARNING_DIVISORS)
+        for name, _ in LEARNING_RUNGS
+        if name in full
+    }
+    trainings = (*full.values(), *(own for steps in fewer.values() for own in steps))
+    models = train_all(
+        trainings,
+        folder,
+        workers=settings.workers,
+        progress=partial(tell, "training models"),
+    )
+    by_training = dict(zip(map(id, trainings), models, strict=True))
+    trained = []
+    for done, rung in enumerate(ladder):
+        tell("judging models", done, len(ladder))
+        model = by_training[id(full[rung.name])]
+        trained.append(
+            TrainedRung(
+                rung=rung,
+                model=model,
+                path=full[rung.name].path(folder),
+                scores=score_rung(rung, model, datasets),
+            )
+        )
+    tell("judging models", len(ladder), len(ladder))
+    curves = [
+        _learning_curve(
+            next(own for own in trained if own.rung is rungs[name]),
+            role,
+            [by_training[id(own)] for own in fewer[name]],
+        )
+        for name, role in LEARNING_RUNGS
+        if name in rungs
+    ]
+    return tuple(trained), tuple(curve for curve in curves if curve.steps)
+
+
+def _training(
+    rung: Rung,
+    datasets: Mapping[str, Dataset],
+    sensors: Mapping[SensorKind, ActiveSensor],
+    settings: StudySettings,
+) -> Training:
+    rows = datasets[rung.dataset].train
+    return Training(
+        name=rung.name,
+        specification=rung.specification,
+        rows=rows if rows is not None else datasets[rung.dataset].table,
+        source=f"the study's dataset {rung.dataset}, training side",
+        sensor=sensors[rung.sensor],
+        seed=settings.seed,
+        restarts=_QUICK_RESTARTS if settings.quick else _RESTARTS,
+    )
+
+
+def _fewer(training: Training, divisor: int, settings: StudySettings) -> Training:
+    """Return a training on a fraction of the rows; smaller fractions lie within larger ones."""
+    rows = training.rows
+    order = np.random.default_rng([settings.seed, len(rows)]).permutation(len(rows))
+    chosen = np.sort(order[: len(rows) // divisor])
+    return replace(
+        training,
+        name=f"{training.name}-{divisor}th",
+        rows=ObservationTable(frame=rows.frame[chosen]),
+        source=f"{training.source}, one row in {divisor}",
+    )
+
+
+def _learning_curve(trained: TrainedRung, role: str, models: list[TrainedModel]) -> LearningCurve:
+    whole = next(own for own in trained.scores if own.evaluation.role == role)
+    steps = []
+    if whole.result is not None and whole.score is not None:
+        for model in models:
+            score = score_on(trained.rung.name, whole.evaluation, model, whole.result.table).score
+            if score is not None:
+                steps.append(LearningStep(n_train=len(model.process.y), score=score))
+        steps.append(LearningStep(n_train=len(trained.model.process.y), score=whole.score))
+    return LearningCurve(
+        rung=trained.rung.name,
+        dataset=whole.evaluation.dataset,
+        role=whole.evaluation.role,
+        steps=tuple(steps),
+    )
+
+
+def _dependence(
+    datasets: Mapping[str, Dataset], settings: StudySettings, tell: Progress
+) -> tuple[DependenceMatrix, ...]:
+    matrices = []
+    for name in ("X", "s2_X"):
+        dataset = datasets.get(name)
+        if dataset is None or dataset.train is None:
+            continue
+        table = dataset.train
+        if len(table) > _DEPENDENCE_ROWS:
+            every = np.linspace(0, len(table) - 1, _DEPENDENCE_ROWS).round().astype(np.intp)
+            table = ObservationTable(frame=table.frame[every])
+        values = maximal_information_matrix(
+            table.array(DEPENDENCE_COLUMNS),
+            threads=settings.workers,
+            progress=partial(tell, f"dependence in {name}"),
+        )
+        matrices.append(DependenceMatrix(dataset=name, columns=DEPENDENCE_COLUMNS, values=values))
+    return tuple(matrices)

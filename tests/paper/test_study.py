@@ -1,0 +1,210 @@
+"""The whole study on a cell on paper: its records, repetition, interruption, bad input."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from exposight.errors import FeatureError, FileError, InputError
+from exposight.observing import ObservationTable
+from exposight.paper import StudyResult, StudySettings, run_study, table_csv
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from exposight.paper import StudySettings, run_study
+
+if __name__ == "__main__":
+    settings = StudySettings(quick=True, workers=1, campaigns=Path(sys.argv[1]))
+    run_study(Path(sys.argv[2]), settings)
+"""
+
+
+def csvs(result: StudyResult) -> list[bytes]:
+    tables = result.tables
+    return [table_csv(own) for own in (tables.scores, tables.hyperparameters, tables.datasets)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def settings(campaigns: Path) -> StudySettings:
+    return StudySettings(quick=True, workers=1, campaigns=campaigns)
+
+
+@pytest.fixture(scope="module")
+def result(folder: Path, settings: StudySettings) -> StudyResult:
+    return run_study(folder, settings)
+
+
+def test_all_rungs_are_there(result: StudyResult) -> None:
+    assert [own.rung.name for own in result.rungs[:5]] == ["q_k1", "q_k2", "q_k3", "q_k4", "q_k6"]
+    assert len(result.rungs) == 21
+
+
+def test_all_datasets_are_there(result: StudyResult) -> None:
+    assert len(result.datasets) == 15
+
+
+def test_all_tables_have_lines(result: StudyResult) -> None:
+    assert {row.table for row in result.tables.scores} == {2, 3, 4, 5, 6}
+
+
+def test_scores_are_those_of_the_lines_rows(result: StudyResult) -> None:
+    score = result.rung("q_k4").score("test")
+    assert score.score.n == len(result.dataset("X_test").table)
+
+
+def test_the_split_by_view_judges_a_model_that_has_not_seen_the_view(result: StudyResult) -> None:
+    score = result.rung("q_k4").score("validation_by_view")
+    unseen = set(score.result.table.names("view"))
+    assert not unseen & set(result.dataset("X").train_by_view.names("view"))
+
+
+def test_learning_ends_with_all_rows(result: StudyResult) -> None:
+    (quality, _) = result.learning_curves
+    sizes = [step.n_train for step in quality.steps]
+    n = len(result.dataset("X").train)
+    assert sizes == [n // 16, n // 8, n // 4, n // 2, n]
+
+
+def test_dependence_is_of_both_sensors(result: StudyResult) -> None:
+    assert [own.dataset for own in result.dependence] == ["X", "s2_X"]
+
+
+def test_models_know_what_they_learnt_from(result: StudyResult) -> None:
+    provenance = result.rung("e_k6").model.provenance
+    assert provenance.observations == "the study's dataset eX_plusplus, training side"
+
+
+def test_the_same_study_again_uses_what_is_there(
+    result: StudyResult, folder: Path, settings: StudySettings
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")}
+    stages: dict[str, list[int]] = {}
+    again = run_study(
+        folder, settings, lambda stage, done, _: stages.setdefault(stage, []).append(done)
+    )
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")} == before
+    assert stages["training models"] == [29]
+    assert csvs(again) == csvs(result)
+
+
+def test_a_damaged_model_is_trained_again(
+    result: StudyResult,
+    folder: Path,
+    settings: StudySettings,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    path = result.rung("q_k1").path
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-200] + b"\0" * 100 + whole[-100:])
+    again = run_study(folder, settings)
+    assert "trained again" in caplog.text
+    assert path.read_bytes() == whole
+    assert csvs(again) == csvs(result)
+
+
+@pytest.fixture
+def study_process(campaigns: Path, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    script = tmp_path / "study.py"
+    script.write_text(SCRIPT)
+    command = [sys.executable, str(script), str(campaigns), str(tmp_path / "study")]
+    process = subprocess.Popen(command)
+    yield process
+    process.kill()
+    process.wait()
+
+
+def test_a_killed_study_goes_on(
+    study_process: subprocess.Popen[bytes],
+    tmp_path: Path,
+    result: StudyResult,
+    settings: StudySettings,
+) -> None:
+    folder = tmp_path / "study"
+    patience = time.monotonic() + 60
+    while not list(folder.glob("models/*.exposight-model")):
+        assert study_process.poll() is None
+        assert time.monotonic() < patience
+        time.sleep(0.01)
+    study_process.kill()
+    study_process.wait()
+    kept = {path: path.stat().st_mtime_ns for path in folder.glob("models/*.exposight-model")}
+    assert len(kept) < 29
+    resumed = run_study(folder, settings)
+    assert (
+        kept.items()
+        <= {
+            path: path.stat().st_mtime_ns for path in folder.glob("models/*.exposight-model")
+        }.items()
+    )
+    assert csvs(resumed) == csvs(result)
+
+
+def test_without_the_finer_campaign_there_are_fewer_rows(
+    observe: Callable[..., ObservationTable], campaigns: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "inside.csv").write_bytes((campaigns / "inside.csv").read_bytes())
+    settings = StudySettings(
+        quick=True, workers=1, campaigns=tmp_path, sensors=("structured-light",)
+    )
+    result = run_study(tmp_path / "study", settings)
+    lighting = [row for row in result.tables.scores if row.table == 4]
+    assert lighting
+    assert all(row.n == 0 and row.rmse is None for row in lighting)
+    named = {own.name: own for own in result.findings}
+    assert named["exposure-drifts-up"].holds is None
+
+
+def test_campaigns_that_lack_features_are_refused(
+    observe: Callable[..., ObservationTable], tmp_path: Path
+) -> None:
+    observe(["f1"]).write(tmp_path / "inside.csv")
+    with pytest.raises(FeatureError, match="lacks the features"):
+        run_study(tmp_path / "study", StudySettings(campaigns=tmp_path))
+
+
+def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="cannot be used for output"):
+        run_study(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (
+            {"sensors": ("lidar",)},
+            "one or both of structured-light, stereo, each once, got 'lidar'",
+        ),
+        ({"sensors": ()}, "got none"),
+        ({"sensors": ("stereo", "stereo")}, "each once"),
+        ({"seed": -1}, "seed must be a whole number from 0 up, got -1"),
+        ({"workers": 0}, "at least 1 worker, got 0"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(wrong: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        StudySettings(**wrong)
+
+
+def test_an_unknown_rung_is_refused(result: StudyResult) -> None:
+    with pytest.raises(InputError, match="no rung 'q_k5'; it has q_k1, q_k2"):
+        result.rung("q_k5")
+
+
+def test_an_unknown_dataset_is_refused(result: StudyResult) -> None:
+    with pytest.raises(InputError, match="no dataset 'Y'; it has X, X_test"):
+        result.dataset("Y")
+
+
+def test_a_score_that_a_rung_has_not_is_refused(result: StudyResult) -> None:
+    with pytest.raises(InputError, match="rung 'q_k1' has no score 'test_inside'"):
+        result.rung("q_k1").score("test_inside")

@@ -1,0 +1,228 @@
+"""The tables' lines against values computed by hand, on three observations."""
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exposight.evaluation import score
+from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuadratic
+from exposight.models import Evaluation, FitSummary, ModelPrediction, Provenance, TrainedModel
+from exposight.observing import ObservationTable
+from exposight.paper import Dataset, Rung, Score, ScoreRow, TrainedRung, table_csv
+from exposight.paper.ladder import LADDER
+from exposight.paper.tables import dataset_rows, hyperparameter_rows, score_rows
+
+THREE = 3
+
+
+def rung(name: str) -> Rung:
+    return next(own for own in LADDER if own.name == name)
+
+
+def trained(
+    name: str,
+    observed: list[float] | None = None,
+    predicted: list[float] | None = None,
+    *,
+    std: float = 0.15,
+    at_bound: tuple[str, ...] = (),
+) -> TrainedRung:
+    """A rung whose one line under ``test`` has these predictions; without any, no rows."""
+    own = rung(name)
+    inputs = len(own.specification.inputs)
+    kernel = (
+        RationalQuadratic(
+            variance=0.5, length_scales=(2.0,) * inputs, alpha=0.25, dims=range(inputs)
+        )
+        * ChangePoint(dim=0, minimum=10.0)
+        if own.unit == "%"
+        else Exponential(variance=9.0, length_scales=(7.0,), dims=range(inputs))
+    )
+    model = TrainedModel(
+        specification=own.specification,
+        process=GaussianProcess.condition(
+            kernel, 0.04, np.full((THREE, inputs), 50.0) + np.arange(THREE)[:, None], np.ones(THREE)
+        ),
+        summary=FitSummary(
+            log_marginal_likelihood=0.0,
+            converged=True,
+            evaluations=1,
+            starts=1,
+            parameters_at_bound=at_bound,
+        ),
+        provenance=Provenance(
+            observations="by hand",
+            observations_sha256=None,
+            emulated=False,
+            seed=1,
+            exposight_version="0",
+        ),
+        sensor=None,
+    )
+    line = next(own for own in own.evaluations if own.role == "test")
+    result = None
+    if observed is not None and predicted is not None:
+        mean, spread = np.array(predicted), np.full(len(predicted), std)
+        result = Evaluation(
+            specification=own.specification,
+            table=ObservationTable.from_observations([]),
+            observed=np.array(observed),
+            prediction=ModelPrediction(
+                mean=mean, std=spread, inside=np.ones(len(mean), dtype=np.bool_)
+            ),
+            score=score(observed, mean, spread),
+            score_inside=None,
+        )
+    found = Score(
+        rung=name,
+        evaluation=line,
+        result=result,
+        score=result.score if result else None,
+        relative_error_percent=None,
+    )
+    return TrainedRung(rung=own, model=model, path=Path("model"), scores=(found,))
+
+
+def the_row(own: TrainedRung) -> ScoreRow:
+    (row,) = score_rows([own])
+    return row
+
+
+@pytest.fixture
+def quality() -> ScoreRow:
+    """Errors 0.1, 0, −0.2: their squares add up to 0.05, the observations' to 0.5."""
+    return the_row(trained("q_k4", [0.0, 0.5, 1.0], [0.1, 0.5, 0.8]))
+
+
+def test_r2_is_90_percent(quality: ScoreRow) -> None:
+    assert quality.r2_percent == pytest.approx(90.0)
+
+
+def test_mse_is_in_the_targets_unit(quality: ScoreRow) -> None:
+    assert quality.mse == pytest.approx(0.05 / 3)
+
+
+def test_rmse_of_p_norm_is_in_percent_of_full_scale(quality: ScoreRow) -> None:
+    assert (quality.unit, quality.rmse) == ("%", pytest.approx(12.9099, abs=1e-4))
+
+
+def test_mae_of_p_norm_is_in_percent_of_full_scale(quality: ScoreRow) -> None:
+    assert quality.mae == pytest.approx(10.0)
+
+
+def test_two_of_three_are_within_one_sigma_and_all_within_two(quality: ScoreRow) -> None:
+    assert quality.coverage_1sigma_percent == pytest.approx(200 / 3)
+    assert quality.coverage_2sigma_percent == 100.0
+
+
+def test_differences_are_ours_less_the_papers(quality: ScoreRow) -> None:
+    assert quality.r2_difference == pytest.approx(90.0 - 92.74)
+    assert quality.rmse_difference == pytest.approx(12.9099 - 10.49, abs=1e-4)
+
+
+def test_rmse_of_exposure_times_is_in_ms() -> None:
+    row = the_row(trained("e_k1", [10.0, 20.0], [13.0, 16.0]))
+    assert (row.unit, row.rmse) == ("ms", pytest.approx(12.5**0.5))
+
+
+def test_a_line_without_rows_has_no_figures() -> None:
+    row = the_row(trained("q_k4"))
+    assert (row.n, row.r2_percent, row.rmse, row.r2_difference) == (0, None, None, None)
+    assert row.paper_r2_percent == 92.74
+
+
+def test_observations_all_alike_have_no_r2() -> None:
+    row = the_row(trained("q_k4", [0.5, 0.5], [0.5, 0.6]))
+    assert (row.r2_percent, row.r2_difference) == (None, None)
+
+
+def test_lines_are_ordered_by_the_papers_tables() -> None:
+    rows = score_rows([trained("e_k1"), trained("q_k1_s2"), trained("q_k4")])
+    assert [row.table for row in rows] == [2, 3, 5]
+
+
+def test_length_scales_are_gpys() -> None:
+    # ℓ √α = 2 · √0.25
+    rows = hyperparameter_rows(trained("q_k4"))
+    scales = {row.input: row.value for row in rows if row.parameter == "length_scale"}
+    assert scales == {"i_avg": 1.0, "z_mm": 1.0, "x_mm": 1.0, "y_mm": 1.0}
+
+
+def test_length_scales_of_other_kernels_stay() -> None:
+    rows = hyperparameter_rows(trained("e_k2"))
+    (row,) = (row for row in rows if row.parameter == "length_scale")
+    assert (row.value, row.input, row.unit, row.paper_value) == (7.0, "all", "mixed", 1070.0)
+
+
+def test_hyperparameters_stand_beside_the_papers() -> None:
+    rows = hyperparameter_rows(trained("q_k4"))
+    assert [(row.symbol, row.input, row.paper_value) for row in rows] == [
+        ("σ²", "", 1.45),
+        ("ℓ", "i_avg", 1.06),
+        ("ℓ", "z_mm", 52.0),
+        ("ℓ", "x_mm", 18.0),
+        ("ℓ", "y_mm", 33.0),
+        ("α", "", 0.01),
+        ("ε", "", 0.0),
+    ]
+
+
+def test_hyperparameters_at_a_limit_are_marked() -> None:
+    rows = hyperparameter_rows(trained("q_k4", at_bound=("noise_variance",)))
+    assert [row.parameter for row in rows if row.at_bound] == ["noise_variance"]
+
+
+@pytest.fixture
+def x(observe: Callable[..., ObservationTable]) -> Dataset:
+    return Dataset(
+        name="X",
+        title="four features",
+        sensor="structured-light",
+        features=("f1", "f2"),
+        p_norm_min=None,
+        table=observe(["f1", "f2"]),
+    )
+
+
+def test_x_is_counted_by_plane_and_as_a_whole(x: Dataset) -> None:
+    rows = dataset_rows(x)
+    assert [(row.dataset, row.n, row.n_views) for row in rows] == [
+        ("X near", 20, 2),
+        ("X middle", 20, 2),
+        ("X far", 20, 2),
+        ("X", 60, 6),
+    ]
+
+
+def test_ranges_stand_beside_the_papers(x: Dataset) -> None:
+    near = dataset_rows(x)[0]
+    assert near.exposure_ms == (5.0, 80.0)
+    assert near.z_mm == (-165.0, -165.0)
+    assert near.paper_z_mm == (-188.0, -149.0)
+
+
+def test_an_empty_dataset_has_no_ranges(x: Dataset) -> None:
+    empty = replace(x, name="X_out", table=ObservationTable.from_observations([]))
+    (row,) = dataset_rows(empty)
+    assert (row.n, row.x_mm, row.paper_n) == (0, None, 240)
+
+
+def test_csv_gives_the_same_numbers_back(quality: ScoreRow) -> None:
+    (record,) = csv.DictReader(io.StringIO(table_csv([quality]).decode()))
+    assert float(record["rmse"]) == quality.rmse
+    assert record["rung"] == "q_k4"
+
+
+def test_csv_leaves_empty_what_there_is_not() -> None:
+    (record,) = csv.DictReader(io.StringIO(table_csv([the_row(trained("q_k4"))]).decode()))
+    assert record["r2_percent"] == ""
+
+
+def test_csv_splits_ranges(x: Dataset) -> None:
+    record, *_ = csv.DictReader(io.StringIO(table_csv(dataset_rows(x)).decode()))
+    assert (record["paper_z_mm_low"], record["paper_z_mm_high"]) == ("-188.0", "-149.0")

@@ -1,0 +1,82 @@
+"""What decides a model's file, and that it is used again."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from exposight.cell import sensor_preset
+from exposight.errors import ObservationError
+from exposight.models import model_named
+from exposight.observing import ObservationTable
+from exposight.paper import training
+from exposight.paper.training import Training, train_all
+
+
+@pytest.fixture
+def wanted(observe: Callable[..., ObservationTable]) -> Training:
+    return Training(
+        name="q_k1",
+        specification=model_named("q_k1"),
+        rows=observe(["f1", "f2"]),
+        source="by hand",
+        sensor=sensor_preset("comet-pro-ae"),
+        seed=1,
+        restarts=1,
+    )
+
+
+def test_the_same_training_has_the_same_file(wanted: Training) -> None:
+    assert wanted.path(Path("a")) == replace(wanted).path(Path("a"))
+
+
+def test_whatever_decides_a_model_decides_its_file(
+    wanted: Training, observe: Callable[..., ObservationTable]
+) -> None:
+    others = [
+        replace(wanted, seed=2),
+        replace(wanted, restarts=2),
+        replace(wanted, rows=observe(["f1", "f3"])),
+        replace(wanted, specification=model_named("q_k2")),
+        replace(wanted, source="elsewhere"),
+        replace(wanted, sensor=sensor_preset("rc-visard-65")),
+    ]
+    paths = {own.path(Path()) for own in (wanted, *others)}
+    assert len(paths) == 1 + len(others)
+
+
+def test_another_version_has_another_file(
+    wanted: Training, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = wanted.path(Path())
+    monkeypatch.setattr(training, "__version__", "99")
+    assert wanted.path(Path()) != path
+
+
+def test_models_come_in_the_order_asked_for(
+    wanted: Training, observe: Callable[..., ObservationTable], tmp_path: Path
+) -> None:
+    # The second takes longer, so it is trained first.
+    longer = replace(wanted, name="longer", rows=observe(["f1", "f2", "f3"]))
+    first, second = train_all([wanted, longer], tmp_path, workers=1, progress=lambda *_: None)
+    assert (len(first.process.y), len(second.process.y)) == (60, 90)
+
+
+def test_progress_counts_what_was_there(wanted: Training, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    for _ in range(2):
+        train_all([wanted], tmp_path, workers=1, progress=lambda *at: told.append(at))
+    assert told == [(0, 1), (1, 1), (1, 1)]
+
+
+def test_a_model_knows_its_training(wanted: Training, tmp_path: Path) -> None:
+    (model,) = train_all([wanted], tmp_path, workers=1, progress=lambda *_: None)
+    assert model.provenance.observations == "by hand"
+    assert model.provenance.observations_sha256 == training.table_checksum(wanted.rows)
+
+
+def test_rows_that_cannot_be_learnt_from_are_refused(wanted: Training, tmp_path: Path) -> None:
+    none = replace(wanted, rows=ObservationTable.from_observations([]))
+    with pytest.raises(ObservationError, match="cannot train q_k1"):
+        train_all([none], tmp_path, workers=1, progress=lambda *_: None)
