@@ -22,6 +22,7 @@ from exposight.cli.info import info_command
 from exposight.cli.observe import observe_command
 from exposight.cli.output import print_error
 from exposight.cli.predict import predict_command
+from exposight.cli.reproduce import reproduce_command
 from exposight.cli.simulate import simulate_command
 from exposight.cli.train import train_command
 from exposight.errors import ExposightError
@@ -106,6 +107,7 @@ _register("observe", observe_command)
 _register("train", train_command)
 _register("evaluate", evaluate_command)
 _register("predict", predict_command)
+_register("reproduce", reproduce_command)
 _register("info", info_command)
 
 

@@ -1,0 +1,140 @@
+"""Stills of observations: Figs. 10, 13, 16, 17 and 21."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.models import I_AVG_MIN, P_NORM_MIN
+from exposight.report.colours import MUTED
+from exposight.report.study.palette import feature_order, feature_style
+from exposight.report.study.stills import draw_still, label_panel, plain_axes, signed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from exposight.paper.figure_data import (
+        BrightnessCurves,
+        ExposureRow,
+        ObservedCurve,
+        TrainingPositions,
+    )
+    from exposight.report.study.stills import Still
+
+__all__ = ["brightness_still", "exposure_row_still", "positions_still"]
+
+_COLUMNS = 2
+_LINES = ("-", "--", "-.", ":")
+
+
+def brightness_still(data: BrightnessCurves) -> Still:
+    """Draw p_norm over i_avg, a panel for each feature (Figs. 10 and 16)."""
+    names = sorted({curve.feature for curve in data.curves}, key=feature_order)
+    rows = -(-len(names) // _COLUMNS)
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
+        for axes in panels.flat[len(names) :]:
+            axes.set_visible(False)
+        for axes, name in zip(panels.flat, names, strict=False):
+            _brightness_panel(axes, [own for own in data.curves if own.feature == name])
+        for axes in panels.flat:
+            axes.label_outer()
+
+    return draw_still(7.2, 0.5 + 2.3 * rows, draw)
+
+
+def _brightness_panel(axes: Axes, curves: list[ObservedCurve]) -> None:
+    style = feature_style(curves[0].feature)
+    for curve in curves:
+        axes.plot(curve.i_avg, curve.p_norm, color=style.colour, linewidth=0.6, alpha=0.45)
+    axes.scatter(
+        np.concatenate([curve.i_avg for curve in curves]),
+        np.concatenate([curve.p_norm for curve in curves]),
+        s=9,
+        marker=style.mark,
+        facecolor=style.colour if style.filled else "white",
+        edgecolor=style.colour,
+        linewidth=0.6,
+        alpha=0.85,
+        zorder=3,
+    )
+    axes.axvline(I_AVG_MIN, color=MUTED, linewidth=0.9, linestyle=":")
+    axes.axhline(P_NORM_MIN, color=MUTED, linewidth=0.9, linestyle="--")
+    axes.set_xlim(0, 258)
+    axes.set_ylim(-0.04, None)
+    plain_axes(axes, "$i_{avg}$ (grey level 0–255)", "$p_{norm}$ (1)")
+    label_panel(
+        axes, f"{curves[0].feature}, radius {curves[0].radius_mm:.3g} mm, {len(curves)} views"
+    )
+
+
+def exposure_row_still(data: ExposureRow) -> Still:
+    """Draw t_exp over i_avg at positions along x (Figs. 13 and 17)."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        # Name and curve in the order in which they end, so that lines and legend read alike.
+        ordered = sorted(data.curves, key=lambda own: -own.slope_ms)
+        for index, curve in enumerate(ordered):
+            style = feature_style(curve.feature)
+            grey = np.array([0.0, float(curve.i_avg.max())])
+            line = _LINES[index % len(_LINES)]
+            axes.plot(grey, curve.slope_ms * grey, color=MUTED, linewidth=0.8, linestyle=line)
+            axes.plot(
+                curve.i_avg,
+                curve.exposure_ms,
+                color=style.colour,
+                alpha=1.0 - 0.7 * index / max(1, len(ordered)),
+                marker=style.mark,
+                markersize=4.5,
+                linestyle=line,
+                label=f"x = {signed(curve.x_mm)} mm: {curve.slope_ms:.3g} ms per grey level",
+            )
+        axes.set_xlim(0, None)
+        axes.set_ylim(0, None)
+        plain_axes(axes, "$i_{avg}$ (grey level 0–255)", "$t_{exp}$ (ms)")
+        first = ordered[0]
+        label_panel(
+            axes,
+            f"{first.feature}, y ≈ {signed(first.y_mm)} mm, z ≈ {signed(first.z_mm)} mm, "
+            f"$p_{{norm}}$ ≥ {P_NORM_MIN:g}",
+        )
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
+
+    return draw_still(7.2, 3.2, draw)
+
+
+def positions_still(data: TrainingPositions) -> Still:
+    """Draw where the training features stood, seen along and across the sensor's axis (Fig. 21)."""
+    ordered = sorted(data.features, key=lambda own: feature_order(own.feature))
+
+    def draw(figure: Figure) -> None:
+        front, side = figure.subplots(1, 2)
+        for own in ordered:
+            style = feature_style(own.feature)
+            x, y, z = own.positions_mm.T
+            dots = {
+                "s": 16,
+                "marker": style.mark,
+                "facecolor": style.colour,
+                "edgecolor": "white",
+                "linewidth": 0.3,
+                "label": f"{own.feature}, {len(x)} views",
+            }
+            front.scatter(x, y, **dots)
+            side.scatter(z, x, **dots)
+        plain_axes(front, "$x_{tcp}$ (mm)", "$y_{tcp}$ (mm)")
+        plain_axes(side, "$z_{tcp}$ (mm)", "$x_{tcp}$ (mm)")
+        for axes in (front, side):
+            axes.axhline(0, color=MUTED, linewidth=0.8)
+            axes.axvline(0, color=MUTED, linewidth=0.8)
+        front.invert_yaxis()  # y points down in the camera's frame
+        label_panel(front, "as the camera sees it")
+        label_panel(side, "from above, sensor at the left")
+        front.set_aspect("equal", adjustable="datalim")
+        figure.legend(*front.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+
+    return draw_still(7.2, 3.7, draw)

@@ -1,0 +1,121 @@
+"""Still pictures: how they look, and how they become the same bytes every time."""
+
+from __future__ import annotations
+
+import io
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from exposight.report.colours import ACCENT, GRID, INK, MUTED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from matplotlib.axes import Axes
+
+__all__ = ["Still", "draw_still", "label_panel", "plain_axes", "signed"]
+
+_DPI = 200
+_SVG_DPI = 100
+"""Only of surfaces, which are pixels in a vector picture, too."""
+_STYLE: Final[dict[Any, Any]] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so letters are the same everywhere
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "lines.linewidth": 1.4,
+    "mathtext.fontset": "dejavusans",
+    "axes.unicode_minus": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "exposight",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Still:
+    """A picture in two formats.
+
+    Parameters
+    ----------
+    png, svg : bytes
+        The files.
+    size : (int, int)
+        Width and height of the PNG in px.
+    """
+
+    png: bytes
+    svg: bytes
+    size: tuple[int, int]
+
+
+def draw_still(width_in: float, height_in: float, draw: Callable[[Figure], None]) -> Still:
+    """Draw a picture in the study's style, independent of the caller's matplotlib settings.
+
+    Parameters
+    ----------
+    width_in, height_in : float
+        Size in inches.
+    draw : callable
+        Fills the figure it is given.
+    """
+    with _style():
+        layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
+        figure = Figure(figsize=(width_in, height_in), layout=layout)
+        FigureCanvasAgg(figure)
+        draw(figure)
+        # Panels of equal scale need a second look at their labels; then the layout stands.
+        layout.execute(figure)
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+        # No date and no program in the files: the same picture is the same bytes.
+        png, svg = io.BytesIO(), io.BytesIO()
+        figure.savefig(png, format="png", dpi=_DPI, metadata={"Software": None})
+        figure.savefig(svg, format="svg", dpi=_SVG_DPI, metadata={"Date": None, "Creator": None})
+    size = round(width_in * _DPI), round(height_in * _DPI)
+    return Still(png=png.getvalue(), svg=svg.getvalue(), size=size)
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def plain_axes(axes: Axes, x: str, y: str) -> None:
+    """Label both axes and draw a grid."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(visible=True)
+
+
+def label_panel(axes: Axes, text: str) -> None:
+    """Put a panel's name above it, at its left."""
+    axes.set_title(text, loc="left", color=ACCENT, fontweight="bold")
+
+
+def signed(value: float) -> str:
+    """Spell a whole number with a true minus."""
+    return f"{round(value) + 0:d}".replace("-", "−")
