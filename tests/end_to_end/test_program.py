@@ -10,7 +10,17 @@ import pytest
 
 import exposight
 
-COMMANDS = ("simulate", "decode", "observe", "train", "evaluate", "predict", "demo", "info")
+COMMANDS = (
+    "simulate",
+    "decode",
+    "observe",
+    "train",
+    "evaluate",
+    "predict",
+    "demo",
+    "reproduce",
+    "info",
+)
 
 ENVIRONMENT = {**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
 

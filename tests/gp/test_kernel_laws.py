@@ -1,10 +1,11 @@
 """The laws that every kernel obeys, on random trees over three columns."""
 
 import json
+from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from exposight.gp import (
@@ -18,6 +19,8 @@ from exposight.gp import (
     SquaredExponential,
     kernel_from_dict,
 )
+from exposight.gp.kernels import tiles
+from exposight.gp.likelihood import MarginalLikelihood
 
 # Sums of a dozen products in float64.
 ROUNDING = 1e-12
@@ -125,30 +128,45 @@ def test_gated_rows_are_zero_and_change_nothing_else(kernel, seed):
     np.testing.assert_array_equal(kernel.diagonal(x)[gated], 0.0)
 
 
+def pair(rows: int, i: int, j: int) -> np.ndarray:
+    weights = np.zeros((rows, rows))
+    weights[i, j] = 1.0
+    return weights
+
+
 @laws
 @given(kernel=kernels, seed=seeds)
-def test_gradients_match_finite_differences(kernel, seed):
+def test_derivatives_match_finite_differences(kernel, seed):
     x, logs, step = inputs(seed), kernel.log_parameters, 1e-5
-    derivatives = list(kernel.gradient(x))
-    assert len(derivatives) == len(logs)
-    for index, derivative in enumerate(derivatives):
-        shift = step * np.eye(len(logs))[index]
-        higher = kernel.with_log_parameters(logs + shift).value(x, x)
-        lower = kernel.with_log_parameters(logs - shift).value(x, x)
-        np.testing.assert_allclose(
-            derivative,
-            (higher - lower) / (2 * step),
-            rtol=0,
-            atol=FINITE_DIFFERENCE * scale_of(kernel, x),
+    weights = np.random.default_rng(seed).normal(size=(len(x), len(x)))
+    numeric = [
+        np.sum(
+            weights
+            * (
+                kernel.with_log_parameters(logs + shift).value(x, x)
+                - kernel.with_log_parameters(logs - shift).value(x, x)
+            )
         )
+        / (2 * step)
+        for shift in step * np.eye(len(logs))
+    ]
+    np.testing.assert_allclose(
+        kernel.gradient_dot(x, weights),
+        numeric,
+        rtol=0,
+        # the sum of 144 differences
+        atol=12 * FINITE_DIFFERENCE * scale_of(kernel, x),
+    )
 
 
 @laws
 @given(kernel=kernels, seed=seeds)
-def test_weighted_gradients_are_sums_over_the_gradients(kernel, seed):
-    x = inputs(seed)
-    weights = np.random.default_rng(seed).normal(size=(len(x), len(x)))
-    expected = [np.sum(weights * derivative) for derivative in kernel.gradient(x)]
+def test_each_pair_has_its_own_derivative(kernel, seed):
+    x = inputs(seed, rows=4)
+    weights = np.random.default_rng(seed).normal(size=(4, 4))
+    expected = sum(
+        weights[i, j] * kernel.gradient_dot(x, pair(4, i, j)) for i in range(4) for j in range(4)
+    )
     np.testing.assert_allclose(
         kernel.gradient_dot(x, weights), expected, rtol=0, atol=1e3 * ROUNDING * scale_of(kernel, x)
     )
@@ -156,17 +174,38 @@ def test_weighted_gradients_are_sums_over_the_gradients(kernel, seed):
 
 @laws
 @given(kernel=kernels, seed=seeds)
-def test_linearising_gives_the_value_and_leaves_the_weights_alone(kernel, seed):
+def test_the_gradient_of_the_likelihood_matches_finite_differences(kernel, seed):
     x = inputs(seed)
-    weights = np.random.default_rng(seed).normal(size=(len(x), len(x)))
-    kept = weights.copy()
-    value, gradient_dot = kernel.linearise(x)
-    first = gradient_dot(weights)
-    np.testing.assert_array_equal(gradient_dot(weights), first)
-    np.testing.assert_array_equal(weights, kept)
-    np.testing.assert_allclose(
-        value, kernel.value(x, x), rtol=0, atol=ROUNDING * scale_of(kernel, x)
-    )
+    y = np.random.default_rng(seed + 1).normal(size=len(x))
+    likelihood = MarginalLikelihood(x, y, active=~kernel.gate(x))
+    assume(not kernel.gate(x).all())
+    logs = np.append(kernel.log_parameters, np.log(0.3))
+
+    def evaluate(vector):
+        return likelihood.value_and_gradient(
+            kernel.with_log_parameters(vector[:-1]), np.exp(vector[-1])
+        )
+
+    step = 1e-5
+    numeric = [
+        (evaluate(logs + shift)[0] - evaluate(logs - shift)[0]) / (2 * step)
+        for shift in step * np.eye(len(logs))
+    ]
+    # values up to a hundred, noise a tenth of the prior's variance
+    np.testing.assert_allclose(evaluate(logs)[1], numeric, rtol=1e-6, atol=1e-6)
+
+
+@laws
+@given(kernel=kernels, seed=seeds)
+def test_tiles_change_nothing(kernel, seed):
+    x, y = inputs(seed, rows=9), inputs(seed + 1, rows=11)
+    weights = np.random.default_rng(seed).normal(size=(9, 9))
+    whole, sums = kernel.value(x, y), kernel.gradient_dot(x, weights)
+    with mock.patch.multiple(tiles, _ROWS=4, _COLUMNS=3):
+        parts, part_sums = kernel.value(x, y), kernel.gradient_dot(x, weights)
+    tolerance = ROUNDING * scale_of(kernel, np.vstack([x, y]))
+    np.testing.assert_allclose(parts, whole, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(part_sums, sums, rtol=0, atol=1e3 * tolerance)
 
 
 @laws

@@ -171,10 +171,10 @@ def test_a_variance_that_rounds_below_zero_is_zero():
 
 
 def test_a_matrix_without_factor_names_cause_and_remedy(monkeypatch):
-    def value(self, x, y):
-        return np.full((len(x), len(y)), -1.0)
+    def fill(self, x, y, out):
+        out[:] = -1.0
 
-    monkeypatch.setattr(SquaredExponential, "_value", value)
+    monkeypatch.setattr(SquaredExponential, "fill", fill)
     with pytest.raises(
         NotPositiveDefiniteError, match=r"3 observations .* noise_variance=0\.1 .* Raise the noise"
     ):

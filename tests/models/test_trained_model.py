@@ -9,6 +9,7 @@ import pytest
 from exposight.cell import sensor_preset
 from exposight.errors import ObservationError
 from exposight.evaluation import r2
+from exposight.gp import GaussianProcess
 from exposight.models import MODELS, QUALITY_MODELS, evaluate, model_named
 from exposight.observing import ObservationTable
 
@@ -74,6 +75,38 @@ def test_rows_that_were_not_measured_are_left_out(trained, table):
 def test_exposure_time_models_are_trained_on_good_observations_alone(trained, table):
     n_good = int((table.array(["p_norm"]) >= 0.75).sum())
     assert len(trained(model_named("e_k1"), table).process.y) == n_good < len(table)
+
+
+# -- learning more ------------------------------------------------------------------------------
+
+# A few dozen observations whose noise is a thousandth of their variance.
+ROUNDING = 1e-6
+
+
+@all_models
+def test_more_observations_count_as_if_they_had_been_there(trained, make_table, specification):
+    model, more = trained(specification, make_table(60)), make_table(30, seed=3)
+    learnt = model.with_observations(more).process
+    x, y = specification.data(specification.rows(more))
+    x, y = np.vstack([model.process.x, x]), np.append(model.process.y, y)
+    afresh = GaussianProcess.condition(learnt.kernel, learnt.noise_variance, x, y)
+    assert learnt.kernel == model.process.kernel
+    np.testing.assert_allclose(learnt.predict_mean(x), afresh.predict_mean(x), rtol=ROUNDING)
+
+
+def test_a_model_that_learnt_more_says_so(trained, make_table):
+    model = trained(model_named("q_k4"))
+    learnt = model.with_observations(changed(make_table(5), emulated=True), source="today.csv")
+    assert learnt.provenance.observations == "synthetic.csv; today.csv"
+    assert learnt.provenance.observations_sha256 is None
+    assert learnt.provenance.emulated
+    assert learnt.summary.log_marginal_likelihood == learnt.process.log_marginal_likelihood
+    assert not model.provenance.emulated
+
+
+def test_observations_that_a_model_does_not_learn_from_change_nothing(trained, table):
+    model = trained(model_named("e_k1"))
+    assert model.with_observations(changed(table, p_norm=0.2)) is model
 
 
 # -- predicting ---------------------------------------------------------------------------------

@@ -101,10 +101,17 @@ def test_the_row_nearest_to_the_axis_by_growing_x():
         "b": (-75.0, -52.0, -4.0),
         "c": (0.0, 50.5, -5.0),
         "d": (0.0, 0.0, 155.0),
+        "e": (10.0, -47.0, -3.0),
     }
     rows = [own for view, place in places.items() for own in sweep("f1", view, place=place)]
     found = nearest_row(observed_curves(table(*rows)))
-    assert [own.view for own in found] == ["b", "a"]
+    assert [own.view for own in found] == ["b", "e", "a"]
+
+
+def test_a_row_of_three_places_is_preferred_to_a_nearer_one():
+    near = sweep("f1", "near", place=(0.0, 0.0, 0.0))
+    row_ = [own for x in (1.0, 2.0, 3.0) for own in sweep("f2", f"v{x}", place=(x, 90.0, 0.0))]
+    assert {own.feature for own in nearest_row(observed_curves(table(*near, *row_)))} == {"f2"}
 
 
 def test_a_row_needs_two_exposures_of_one_view():

@@ -1,7 +1,9 @@
 """Pure statistics: metrics of a regression, splits of its observations, dependence."""
 
 from exposight.evaluation.metrics import (
+    Calibration,
     RegressionScore,
+    calibration,
     coverage,
     mae,
     mse,
@@ -17,8 +19,10 @@ from exposight.evaluation.mic import (
 from exposight.evaluation.splits import Split, inside_box, random_split, split_by_group
 
 __all__ = [
+    "Calibration",
     "RegressionScore",
     "Split",
+    "calibration",
     "coverage",
     "inside_box",
     "mae",

@@ -1,7 +1,9 @@
-"""Gaussian processes, pure: kernels that compose, exact regression, fitting."""
+"""Gaussian processes, pure: kernels that compose, exact regression, fitting, committees."""
 
 from exposight.gp.bounds import Bounds, DataScale
-from exposight.gp.fitting import FitResult, StartResult, fit
+from exposight.gp.committee import Committee
+from exposight.gp.committee_fitting import CommitteeFitResult, fit_committee
+from exposight.gp.fitting import FitResult, fit
 from exposight.gp.kernels import (
     ChangePoint,
     Exponential,
@@ -20,17 +22,22 @@ from exposight.gp.kernels import (
     kernel_from_dict,
     length_scale_from_gpy,
 )
+from exposight.gp.priors import LogNormal
 from exposight.gp.regression import GaussianProcess, Prediction
+from exposight.gp.search import StartResult
 
 __all__ = [
     "Bounds",
     "ChangePoint",
+    "Committee",
+    "CommitteeFitResult",
     "DataScale",
     "Exponential",
     "FitResult",
     "GaussianProcess",
     "Kernel",
     "Linear",
+    "LogNormal",
     "Matern32",
     "Matern52",
     "Parameter",
@@ -43,6 +50,7 @@ __all__ = [
     "Stationary",
     "Sum",
     "fit",
+    "fit_committee",
     "gpy_length_scale",
     "kernel_from_dict",
     "length_scale_from_gpy",

@@ -1,28 +1,25 @@
-"""Hyperparameters by maximum marginal likelihood: L-BFGS-B from several starts."""
+"""Hyperparameters by maximum marginal likelihood, or posterior: several starts, the best wins."""
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
 
-from exposight.errors import InputError, NotPositiveDefiniteError, NumericalError
-from exposight.gp.bounds import NOISE_VARIANCE, Bounds, DataScale, starting_values
+from exposight.errors import InputError, NumericalError
+from exposight.gp.arguments import check_noise_variance, check_observations
+from exposight.gp.bounds import Bounds, DataScale, starting_values
 from exposight.gp.kernels import Kernel
-from exposight.gp.likelihood import likelihood_and_gradient
-from exposight.gp.observations import BoolArray, FloatArray, check_learnable
-from exposight.gp.regression import (
-    GaussianProcess,
-    check_noise_variance,
-    check_observations,
-)
+from exposight.gp.likelihood import MarginalLikelihood
+from exposight.gp.observations import BoolArray, check_learnable
+from exposight.gp.priors import NO_PRIORS, LogNormal, check_priors
+from exposight.gp.regression import GaussianProcess
+from exposight.gp.search import Search, StartResult
 
-__all__ = ["FitResult", "StartResult", "fit"]
+__all__ = ["FitResult", "fit"]
 
 _logger = logging.getLogger(__name__)
 
@@ -30,39 +27,8 @@ _logger = logging.getLogger(__name__)
 _START_SPREAD = 1.0
 # A first guess of the noise, as a share of the targets' mean square.
 _NOISE_SHARE = 0.01
-# A logarithm this near to its limit counts as at it; L-BFGS-B projects onto the limits exactly.
-_AT_BOUND = 1e-6
-# The objective is the likelihood of one observation: these stop within 1e-6 of the maximum's
-# likelihood for a thousand observations.
-_OPTIONS = {"ftol": 1e-11, "gtol": 1e-6, "maxcor": 20}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StartResult:
-    """How one start of a fit ended.
-
-    Attributes
-    ----------
-    start : (p + 1,) array
-        Natural logarithms of the hyperparameters, then of the noise variance.
-    end : (p + 1,) array
-        The same, where the search stopped.
-    log_marginal_likelihood : float
-        At the end; −inf for a start that failed.
-    converged : bool
-        Whether the optimiser reports a maximum.
-    evaluations : int
-        Of likelihood and gradient.
-    message : str
-        The optimiser's own word, or the reason of the failure.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    log_marginal_likelihood: float
-    converged: bool
-    evaluations: int
-    message: str
+# Observations below which a third of them says too little.
+_FEWEST_FOR_WARM_START = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,17 +38,20 @@ class FitResult:
     Attributes
     ----------
     process : GaussianProcess
-        With the best hyperparameters, conditioned on all observations.
+        With the best hyperparameters, conditioned on all observations; its `jitter` says what
+        its covariance matrix needed to be factorised.
     log_marginal_likelihood : float
         Of the process.
     converged : bool
         Whether the best start converged.
     evaluations : int
-        Of likelihood and gradient, over all starts.
+        Of likelihood and gradient, over all starts, those of a warm start included.
     seconds : float
         Wall time.
     starts : tuple of StartResult
-        In the order in which they ran.
+        In the order in which they ran, failures included. After a warm start there is one.
+    warm_starts : tuple of StartResult
+        Those on a part of the observations; empty where none was asked for.
     parameters_at_bound : tuple of str
         Names of hyperparameters that ended at a limit: more data or other bounds would move
         them.
@@ -94,7 +63,27 @@ class FitResult:
     evaluations: int
     seconds: float
     starts: tuple[StartResult, ...]
+    warm_starts: tuple[StartResult, ...]
     parameters_at_bound: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting the result, a sentence each; most often nothing."""
+        out = [
+            f"{name} ended at its bound: more data or other bounds would move it"
+            for name in self.parameters_at_bound
+        ]
+        if not self.converged:
+            out.append("the search stopped before a maximum: allow it more iterations")
+        if self.process.jitter > 0.0:
+            out.append(
+                f"the covariance matrix needed {self.process.jitter:.1e} on its diagonal: "
+                "raise the noise variance's lower bound, or remove repeated observations"
+            )
+        failed = sum(start.error is not None for start in (*self.starts, *self.warm_starts))
+        if failed:
+            out.append(f"{failed} starts failed; `starts` holds their errors")
+        return tuple(out)
 
 
 def fit(
@@ -106,8 +95,11 @@ def fit(
     noise_variance: float | None = None,
     first_start: Literal["data", "given"] = "data",
     bounds: Bounds | None = None,
+    priors: Mapping[str, LogNormal] = NO_PRIORS,
     restarts: int = 3,
+    warm_start: bool = False,
     max_iterations: int = 300,
+    threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> FitResult:
     """Find the hyperparameters that make the observations most likely.
@@ -121,7 +113,8 @@ def fit(
     y : (n,) array
         Targets.
     rng : numpy.random.Generator
-        Draws the starts after the first; the same seed gives the same result.
+        Draws the starts after the first, and a warm start's rows; the same seed gives the same
+        result.
     noise_variance : float, optional
         Where the search for the noise variance begins, in squared units of the target; a
         hundredth of the targets' mean square if left out.
@@ -129,10 +122,19 @@ def fit(
         Begin at values measured by the data, or at the kernel's own.
     bounds : Bounds, optional
         Limits of the hyperparameters.
+    priors : mapping of str to LogNormal, optional
+        By the name in `Kernel.parameters`, or ``"noise_variance"``. With priors the result is
+        the most probable point of the hyperparameters' logarithms.
     restarts : int
         Number of starts in all; the paper used three.
+    warm_start : bool
+        Run the starts on a third of the observations, and from the best end one search on all:
+        about half the time, and as a rule the same maximum.
     max_iterations : int
         Of the optimiser, for each start.
+    threads : int
+        As for `MarginalLikelihood`: more help from a few thousand observations on, and only on
+        cores that have nothing else to do.
     progress : callable, optional
         Called with (starts done, all starts).
 
@@ -150,36 +152,34 @@ def fit(
         If every start failed; the message holds each one's reason.
     """
     began = time.perf_counter()
-    if restarts < 1:
-        msg = f"restarts must be at least 1, got {restarts}"
-        raise InputError(msg)
-    if first_start not in ("data", "given"):
-        msg = f"first_start must be 'data' or 'given', got {first_start!r}"
-        raise InputError(msg)
+    _check_arguments(restarts, first_start, noise_variance)
     inputs, targets, active = check_observations(kernel, x, y)
     check_learnable(inputs, targets, dims=kernel.columns)
     scale = DataScale.of(inputs[active], targets[active])
-    if noise_variance is None:
-        noise_variance = _NOISE_SHARE * scale.target
-    check_noise_variance(noise_variance)
     limits = (bounds or Bounds()).log_limits(kernel, scale)
     values = starting_values(kernel, scale) if first_start == "data" else kernel.log_parameters
-    first = np.append(values, np.log(noise_variance))
-
+    first = np.append(values, np.log(noise_variance or _NOISE_SHARE * scale.target))
     shifts = _START_SPREAD * rng.standard_normal((restarts - 1, len(first)))
-    results = []
-    for number, start in enumerate([first, *(first + shifts)], start=1):
-        clipped = np.clip(start, limits[:, 0], limits[:, 1])
-        results.append(_run(kernel, inputs, targets, active, clipped, limits, max_iterations))
-        _logger.info("start %d of %d: %s", number, restarts, results[-1].message)
-        if progress is not None:
-            progress(number, restarts)
+    starts = [np.clip(start, limits[:, 0], limits[:, 1]) for start in (first, *(first + shifts))]
+    search = Search(kernel=kernel, limits=limits, priors=priors, max_iterations=max_iterations)
+    check_priors(priors, search.names)
+    report = _Reporter(total=restarts + warm_start, progress=progress)
 
-    best = max(results, key=lambda result: result.log_marginal_likelihood)
-    if best.log_marginal_likelihood == -np.inf:
+    warm: list[StartResult] = []
+    if warm_start:
+        part = _third(active, rng)
+        likelihood = MarginalLikelihood(inputs[part], targets[part], active=active[part])
+        warm = [report(search.run(likelihood, start)) for start in starts]
+        starts = [_best(warm).end]
+    likelihood = MarginalLikelihood(inputs, targets, active=active, threads=threads)
+    results = [report(search.run(likelihood, start)) for start in starts]
+    del likelihood  # its N × N buffer, before the process takes one of its own
+
+    best = _best(results)
+    if best.error is not None:
         reasons = "; ".join(sorted({result.message for result in results}))
         msg = f"every one of {restarts} starts failed: {reasons}"
-        raise NumericalError(msg)
+        raise NumericalError(msg) from best.error
     process = GaussianProcess.condition(
         kernel.with_log_parameters(best.end[:-1]), float(np.exp(best.end[-1])), inputs, targets
     )
@@ -187,76 +187,55 @@ def fit(
         process=process,
         log_marginal_likelihood=process.log_marginal_likelihood,
         converged=best.converged,
-        evaluations=sum(result.evaluations for result in results),
+        evaluations=sum(start.evaluations for start in (*warm, *results)),
         seconds=time.perf_counter() - began,
         starts=tuple(results),
-        parameters_at_bound=_at_bound(kernel, best.end, limits),
+        warm_starts=tuple(warm),
+        parameters_at_bound=search.at_bound(best),
     )
 
 
-def _run(
-    kernel: Kernel,
-    x: FloatArray,
-    y: FloatArray,
-    active: BoolArray,
-    start: FloatArray,
-    limits: FloatArray,
-    max_iterations: int,
-) -> StartResult:
-    """Run the optimiser from one start."""
-    evaluations = 0
-    worst = -np.inf
+@dataclass(kw_only=True)
+class _Reporter:
+    """Tells how far a fit is."""
 
-    def objective(logs: FloatArray) -> tuple[float, FloatArray]:
-        nonlocal evaluations, worst
-        evaluations += 1
-        try:
-            likelihood, gradient = likelihood_and_gradient(
-                kernel.with_log_parameters(logs[:-1]), float(np.exp(logs[-1])), x, y, active=active
-            )
-        except NotPositiveDefiniteError:
-            if worst == -np.inf:
-                raise
-            # higher than anything seen, so that the line search turns back
-            return worst + 1.0, np.zeros_like(logs)
-        value = -likelihood / len(y)
-        worst = max(worst, value)
-        return value, -gradient / len(y)
+    total: int
+    progress: Callable[[int, int], None] | None
+    done: int = 0
 
-    try:
-        # At a few thousand rows a second BLAS thread gains little, and costs up to tenfold where
-        # other work wants the same cores: OpenBLAS spins while it waits.
-        with threadpool_limits(limits=1, user_api="blas"):
-            found = minimize(
-                objective,
-                start,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=limits,
-                options={**_OPTIONS, "maxiter": max_iterations},
-            )
-    except NotPositiveDefiniteError as error:
-        return StartResult(
-            start=start,
-            end=start,
-            log_marginal_likelihood=-np.inf,
-            converged=False,
-            evaluations=evaluations,
-            message=str(error),
+    def __call__(self, result: StartResult) -> StartResult:
+        """Pass a start's result through."""
+        self.done += 1
+        _logger.info("start %d of %d: %s", self.done, self.total, result.message)
+        if self.progress is not None:
+            self.progress(self.done, self.total)
+        return result
+
+
+def _check_arguments(restarts: int, first_start: str, noise_variance: float | None) -> None:
+    if restarts < 1:
+        msg = f"restarts must be at least 1, got {restarts}"
+        raise InputError(msg)
+    if first_start not in ("data", "given"):
+        msg = f"first_start must be 'data' or 'given', got {first_start!r}"
+        raise InputError(msg)
+    if noise_variance is not None:
+        check_noise_variance(noise_variance)
+
+
+def _third(active: BoolArray, rng: np.random.Generator) -> BoolArray:
+    """Draw a third of the rows that the kernel's gate lets in."""
+    rows = np.flatnonzero(active)
+    if len(rows) < _FEWEST_FOR_WARM_START:
+        msg = (
+            f"warm_start takes a third of the observations, which is too little of {len(rows)}: "
+            "leave it out, a fit on so few takes no time"
         )
-    return StartResult(
-        start=start,
-        end=found.x,
-        log_marginal_likelihood=-len(y) * float(found.fun),
-        converged=bool(found.success),
-        evaluations=evaluations,
-        message=str(found.message),
-    )
+        raise InputError(msg)
+    out = np.zeros(len(active), dtype=np.bool_)
+    out[rng.choice(rows, size=len(rows) // 3, replace=False)] = True
+    return out
 
 
-def _at_bound(kernel: Kernel, logs: FloatArray, limits: FloatArray) -> tuple[str, ...]:
-    """Names of the hyperparameters at a limit that leaves them room."""
-    names = [*(parameter.name for parameter in kernel.free_parameters), NOISE_VARIANCE]
-    near = np.any(np.abs(limits - logs[:, None]) < _AT_BOUND, axis=1)
-    roomy = limits[:, 1] - limits[:, 0] > _AT_BOUND
-    return tuple(name for name, at in zip(names, near & roomy, strict=True) if at)
+def _best(results: list[StartResult]) -> StartResult:
+    return max(results, key=lambda result: result.log_posterior)

@@ -1,156 +1,143 @@
-"""The log marginal likelihood and its gradient, on LAPACK."""
+"""The log marginal likelihood and its gradient, in one N × N buffer."""
 
 import math
 
+import numba
 import numpy as np
-from scipy.linalg import lapack
 
-from exposight.errors import NotPositiveDefiniteError
-from exposight.gp.kernels import Kernel
+from exposight.gp.factor import Factor, factorise
+from exposight.gp.kernels import Kernel, tiles
 from exposight.gp.observations import BoolArray, FloatArray
+from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
-__all__ = [
-    "factorise",
-    "likelihood_and_gradient",
-    "log_likelihood",
-    "solve",
-    "white_noise_log_likelihood",
-]
+__all__ = ["MarginalLikelihood", "log_likelihood", "white_noise_log_likelihood"]
 
-# Added to the diagonal, in shares of its mean, one after the other until the factor exists. The
-# last keeps a prediction's standard deviation right to a thousandth of the prior's.
-_JITTERS = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
 _LOG_2PI = math.log(2.0 * math.pi)
 
 
-def likelihood_and_gradient(
-    kernel: Kernel, noise_variance: float, x: FloatArray, y: FloatArray, *, active: BoolArray
-) -> tuple[float, FloatArray]:
-    """Log marginal likelihood of checked observations, and its gradient.
+class MarginalLikelihood:
+    """Log marginal likelihood of observations, for one form of kernel.
 
-    One Cholesky factorisation and one inverse; the derivatives are sums over the elements of
-    (αα' − K⁻¹)/2 with α = K⁻¹ y.
+    Holds the one N × N buffer in which every evaluation takes place: the covariance, its Cholesky
+    factor, its inverse, each in the place of the one before.
 
     Parameters
     ----------
-    kernel : Kernel
-        Prior covariance.
-    noise_variance : float
-        Positive, in squared units of the target.
     x : (n, D) array
         Checked inputs.
     y : (n,) array
         Checked targets.
     active : (n,) bool array
-        Rows that the kernel's gate lets in.
-
-    Returns
-    -------
-    likelihood : float
-    gradient : (p + 1,) array
-        With respect to the kernel's `log_parameters`, then the log of the noise variance.
-
-    Raises
-    ------
-    NotPositiveDefiniteError
-        If the covariance matrix has no Cholesky factor, even with the largest jitter.
-    """
-    targets, rest = y[active], y[~active]
-    covariance, gradient_dot = kernel.linearise(x[active])
-    factor, _ = factorise(covariance, noise_variance)
-    alpha = solve(factor, targets)
-    likelihood = log_likelihood(factor, alpha, targets) + white_noise_log_likelihood(
-        rest, noise_variance
-    )
-
-    inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    # The inverse fills one triangle. The derivatives of K are symmetric, so that triangle taken
-    # twice, its diagonal once, weighs them like the whole.
-    weights = np.triu(inverse.T)
-    np.negative(weights, out=weights)
-    diagonal = np.einsum("ii->i", weights)
-    diagonal *= 0.5
-    weights += np.outer(0.5 * alpha, alpha)
-    noise_derivative = noise_variance * float(diagonal.sum())
-    noise_derivative += 0.5 * float(rest @ rest / noise_variance - len(rest))
-    return likelihood, np.append(gradient_dot(weights), noise_derivative)
-
-
-def factorise(covariance: FloatArray, noise_variance: float) -> tuple[FloatArray, float]:
-    """Factorise covariance + noise by Cholesky.
-
-    Parameters
-    ----------
-    covariance : (n, n) array
-        Symmetric, in C order; its memory is used up.
-    noise_variance : float
-        Positive, in squared units of the target.
-
-    Returns
-    -------
-    factor : (n, n) array
-        In the lower triangle; what stands above the diagonal is of no use.
-    jitter : float
-        What had to be added to the diagonal; 0 almost always.
+        Rows that the kernel's gate lets in. The others leave the factorisation; their likelihood
+        is that of white noise, exactly.
+    threads : int
+        For building, factorising and differentiating. More than one help from a few thousand
+        observations on, on cores that have nothing else to do: linear algebra spins while it
+        waits, and beside other work two threads took three times as long as one.
 
     Raises
     ------
-    NotPositiveDefiniteError
-        If there is no factor, even with the largest jitter.
+    InputError
+        If fewer than one thread is asked for.
     """
-    diagonal = covariance.diagonal().copy()
-    scale = float(diagonal.mean())
-    matrix = covariance.T  # LAPACK's column order
-    for share in _JITTERS:
-        jitter = share * scale
-        np.einsum("ii->i", matrix)[:] = diagonal + (noise_variance + jitter)
-        factor, info = lapack.dpotrf(matrix, lower=1, clean=0, overwrite_a=1)
-        if info == 0 and math.isfinite(factor[-1, -1]):
-            return factor, jitter
-        # what the attempt overwrote below the diagonal still stands above it
-        lower = np.tril_indices(len(matrix), -1)
-        matrix = np.asfortranarray(factor)
-        matrix[lower] = matrix.T[lower]
-    if not (np.isfinite(matrix[np.triu_indices(len(matrix), 1)]).all() and math.isfinite(scale)):
-        msg = "the covariance matrix holds values that are not finite; check the hyperparameters"
-        raise NotPositiveDefiniteError(msg)
-    msg = (
-        f"the covariance matrix of {len(matrix)} observations has no Cholesky factor, even with "
-        f"{_JITTERS[-1]:g} of its mean variance {scale:g} added to the diagonal: observations "
-        f"nearly repeat each other for these length scales and noise_variance={noise_variance:g} "
-        "does not keep them apart. Raise the noise variance or its lower bound, shorten the "
-        "length scales, or remove repeated observations"
-    )
-    raise NotPositiveDefiniteError(msg)
+
+    def __init__(
+        self, x: FloatArray, y: FloatArray, *, active: BoolArray, threads: int = 1
+    ) -> None:
+        self._x = np.ascontiguousarray(x[active])
+        self._y, self._rest = y[active], y[~active]
+        self._threads = choose_threads(threads, worthwhile=False)
+        self._buffer = np.empty((len(self._x), len(self._x)))
+
+    @property
+    def observations(self) -> int:
+        """Their number, those outside the gate included."""
+        return len(self._y) + len(self._rest)
+
+    def value_and_gradient(self, kernel: Kernel, noise_variance: float) -> tuple[float, FloatArray]:
+        """Evaluate by one Cholesky factorisation and one inverse.
+
+        The derivatives are sums over the elements of (αα' − K⁻¹)/2 with α = K⁻¹ y.
+
+        Parameters
+        ----------
+        kernel : Kernel
+            Prior covariance.
+        noise_variance : float
+            Positive, in squared units of the target.
+
+        Returns
+        -------
+        likelihood : float
+        gradient : (p + 1,) array
+            With respect to the kernel's `log_parameters`, then the log of the noise variance.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            If the covariance matrix has no Cholesky factor, even with the largest jitter.
+        """
+        with limit_blas(self._threads):
+            factor = factorise(
+                kernel, noise_variance, self._x, buffer=self._buffer, threads=self._threads
+            )
+            alpha = factor.solve(self._y)
+            likelihood = log_likelihood(factor, alpha, self._y)
+            # LAPACK's lower triangle is C order's upper one
+            inverse = factor.consume().T
+        with limit_blas(1):
+            gradient = self._gradient(kernel, inverse, alpha)
+        noise_derivative = 0.5 * noise_variance * float(alpha @ alpha - np.trace(inverse))
+        noise_derivative += 0.5 * float(self._rest @ self._rest / noise_variance - len(self._rest))
+        likelihood += white_noise_log_likelihood(self._rest, noise_variance)
+        return likelihood, np.append(gradient, noise_derivative)
+
+    def _gradient(self, kernel: Kernel, inverse: FloatArray, alpha: FloatArray) -> FloatArray:
+        """Sum the derivatives, weighed by (αα' − K⁻¹)/2, over the kernel's matrix."""
+
+        def weights(rows: slice, columns: slice) -> FloatArray:
+            out = np.empty((rows.stop - rows.start, columns.stop - columns.start))
+            _weigh_pairs(inverse, alpha, rows.start, columns.start, out)
+            return out
+
+        def derivatives(rows: slice) -> FloatArray:
+            return tiles.weighted_derivatives(
+                kernel, self._x, rows, first_column=rows.start, weights=weights
+            )
+
+        blocks = in_threads(derivatives, tiles.row_blocks(len(self._x)), threads=self._threads)
+        gradient: FloatArray = np.sum(list(blocks), axis=0)
+        return gradient
 
 
-def solve(factor: FloatArray, y: FloatArray) -> FloatArray:
-    """Solve (L L') α = y.
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+def _weigh_pairs(
+    inverse: FloatArray, alpha: FloatArray, first_row: int, first_column: int, out: FloatArray
+) -> None:
+    """(αα' − K⁻¹)/2 in a tile, pairs above the diagonal twice, those below not at all."""
+    rows, columns = out.shape
+    others = alpha[first_column : first_column + columns]
+    for i in range(rows):
+        row = first_row + i
+        own, pairs = alpha[row], inverse[row, first_column : first_column + columns]
+        for j in range(columns):
+            out[i, j] = own * others[j] - pairs[j]
+        diagonal = row - first_column
+        for j in range(min(diagonal, columns)):
+            out[i, j] = 0.0
+        if 0 <= diagonal < columns:
+            out[i, diagonal] *= 0.5
 
-    Parameters
-    ----------
-    factor : (n, n) array
-        As `factorise` returns it.
-    y : (n,) array
-        Targets.
 
-    Returns
-    -------
-    (n,) array
-    """
-    solution: FloatArray = lapack.dpotrs(factor, y, lower=1)[0]
-    return solution
-
-
-def log_likelihood(factor: FloatArray, alpha: FloatArray, y: FloatArray) -> float:
+def log_likelihood(factor: Factor, alpha: FloatArray, y: FloatArray) -> float:
     """Log marginal likelihood of targets with a factorised covariance.
 
     Parameters
     ----------
-    factor : (n, n) array
-        As `factorise` returns it.
+    factor : Factor
+        Of the targets' covariance.
     alpha : (n,) array
-        As `solve` returns it.
+        K⁻¹ y.
     y : (n,) array
         Targets.
 
@@ -158,8 +145,7 @@ def log_likelihood(factor: FloatArray, alpha: FloatArray, y: FloatArray) -> floa
     -------
     float
     """
-    log_determinant = 2.0 * float(np.log(factor.diagonal()).sum())
-    return -0.5 * (float(y @ alpha) + log_determinant + len(y) * _LOG_2PI)
+    return -0.5 * (float(y @ alpha) + factor.log_determinant + len(y) * _LOG_2PI)
 
 
 def white_noise_log_likelihood(y: FloatArray, noise_variance: float) -> float:

@@ -9,8 +9,16 @@ from exposight.errors import ObservationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
 
-__all__ = ["BoolArray", "FloatArray", "check_inputs", "check_learnable", "check_targets"]
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "check_inputs",
+    "check_learnable",
+    "check_targets",
+]
 
 
 def _as_floats(values: ArrayLike, name: str) -> FloatArray:
@@ -40,6 +48,7 @@ def check_inputs(
     Returns
     -------
     (n, D) float64 array
+        In C order.
 
     Raises
     ------
@@ -74,7 +83,7 @@ def check_inputs(
             "remove these observations or measure them again"
         )
         raise ObservationError(msg)
-    return array
+    return np.ascontiguousarray(array)
 
 
 def check_targets(y: ArrayLike, *, observations: int, name: str = "y") -> FloatArray:

@@ -1,28 +1,29 @@
 """Exact Gaussian-process regression: zero mean, Gaussian noise, float64."""
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_triangular
 
-from exposight.errors import InputError, ObservationError
-from exposight.gp.kernels import Kernel
+from exposight.gp.arguments import check_noise_variance, check_observations, check_rows
+from exposight.gp.factor import Factor, factorise
+from exposight.gp.kernels import Kernel, tiles
 from exposight.gp.likelihood import (
-    factorise,
-    likelihood_and_gradient,
+    MarginalLikelihood,
     log_likelihood,
-    solve,
     white_noise_log_likelihood,
 )
-from exposight.gp.observations import BoolArray, FloatArray, check_inputs, check_targets
+from exposight.gp.observations import FloatArray, check_inputs, check_targets
+from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.gp.updates import append_rows, remove_rows
 
-__all__ = ["GaussianProcess", "Prediction", "check_noise_variance", "check_observations"]
+__all__ = ["GaussianProcess", "Prediction"]
 
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
 _CHUNK = 2000
+# Pairs of rows and observations from which on a prediction takes long enough to share it.
+_MANY_PAIRS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,8 +48,8 @@ class _Posterior:
 
     x: FloatArray
     """(n', D) inputs."""
-    factor: FloatArray
-    """(n', n') Cholesky factor in the lower triangle; above it is nothing of use."""
+    factor: Factor
+    """Of their covariance."""
     weights: FloatArray
     """(n',) K⁻¹ y."""
 
@@ -119,20 +120,104 @@ class GaussianProcess:
         check_noise_variance(noise_variance)
         inputs, targets, active = check_observations(kernel, x, y)
         near = np.ascontiguousarray(inputs[active])
-        factor, jitter = factorise(kernel.value(near, near), noise_variance)
-        weights = solve(factor, targets[active])
-        likelihood = log_likelihood(factor, weights, targets[active]) + white_noise_log_likelihood(
-            targets[~active], noise_variance
-        )
+        with limit_blas(1):
+            factor = factorise(kernel, noise_variance, near)
+        return cls._from_factor(factor, kernel, float(noise_variance), inputs, targets)
+
+    @classmethod
+    def _from_factor(
+        cls,
+        factor: Factor,
+        kernel: Kernel,
+        noise_variance: float,
+        x: FloatArray,
+        y: FloatArray,
+    ) -> "GaussianProcess":
+        """Condition on checked observations whose covariance has been factorised."""
+        active = ~kernel.closed(x)
+        with limit_blas(1):
+            weights = factor.solve(y[active])
+        likelihood = log_likelihood(factor, weights, y[active])
         return cls(
             kernel=kernel,
-            noise_variance=float(noise_variance),
-            x=_read_only(inputs),
-            y=_read_only(targets),
-            log_marginal_likelihood=likelihood,
-            jitter=jitter,
-            _posterior=_Posterior(x=near, factor=factor, weights=weights),
+            noise_variance=noise_variance,
+            x=_read_only(x),
+            y=_read_only(y),
+            log_marginal_likelihood=likelihood
+            + white_noise_log_likelihood(y[~active], noise_variance),
+            jitter=factor.jitter,
+            _posterior=_Posterior(
+                x=np.ascontiguousarray(x[active]), factor=factor, weights=weights
+            ),
         )
+
+    def with_observations(self, x: ArrayLike, y: ArrayLike) -> "GaussianProcess":
+        """Learn from more observations; the hyperparameters stay as they are.
+
+        The same as `condition` on all of them, in squared instead of cubic time. A covariance
+        that needed jitter, or that rounding leaves without a factor, is factorised afresh.
+
+        Parameters
+        ----------
+        x : (k, D) array
+            Inputs, columns as in training.
+        y : (k,) array
+            Targets.
+
+        Returns
+        -------
+        GaussianProcess
+            Conditioned on the old observations, then the new ones; this one does not change.
+
+        Raises
+        ------
+        ObservationError
+            If the arrays do not fit together or are not finite.
+        NotPositiveDefiniteError
+            If the covariance matrix has no Cholesky factor, even with the largest jitter.
+        """
+        inputs = check_inputs(x, columns=self.x.shape[1])
+        targets = check_targets(y, observations=len(inputs))
+        everywhere, every = np.vstack([self.x, inputs]), np.append(self.y, targets)
+        factor, near = None, np.ascontiguousarray(inputs[~self.kernel.closed(inputs)])
+        if self.jitter == 0.0:
+            with limit_blas(1):
+                old = self._posterior
+                factor = append_rows(old.factor, self.kernel, self.noise_variance, old.x, near)
+        return self._rebuilt(factor, everywhere, every)
+
+    def without_observations(self, rows: ArrayLike) -> "GaussianProcess":
+        """Forget observations; the hyperparameters stay as they are.
+
+        Parameters
+        ----------
+        rows : (k,) array of int
+            Which ones, by their place in `x`, counted from 0.
+
+        Returns
+        -------
+        GaussianProcess
+            Conditioned on the others, in their order; this one does not change.
+
+        Raises
+        ------
+        InputError
+            If a row is not one of the observations'.
+        ObservationError
+            If no observation is left inside the kernel's range.
+        """
+        leaves = check_rows(rows, observations=len(self.y))
+        x, y = self.x[~leaves], self.y[~leaves]
+        factor, near = None, leaves[~self.kernel.closed(self.x)]
+        if self.jitter == 0.0 and not near.all():
+            factor = remove_rows(self._posterior.factor, np.flatnonzero(near))
+        return self._rebuilt(factor, x, y)
+
+    def _rebuilt(self, factor: Factor | None, x: FloatArray, y: FloatArray) -> "GaussianProcess":
+        """Condition on other observations, by the factor of their covariance where there is one."""
+        if factor is None:
+            return self.condition(self.kernel, self.noise_variance, x, y)
+        return self._from_factor(factor, self.kernel, self.noise_variance, x, y)
 
     def log_marginal_likelihood_gradient(self) -> FloatArray:
         """Gradient of the log marginal likelihood.
@@ -142,18 +227,18 @@ class GaussianProcess:
         (p + 1,) array
             With respect to the kernel's `log_parameters`, then the log of the noise variance.
         """
-        return likelihood_and_gradient(
-            self.kernel, self.noise_variance, self.x, self.y, active=~self.kernel.gate(self.x)
-        )[1]
+        likelihood = MarginalLikelihood(self.x, self.y, active=~self.kernel.gate(self.x))
+        return likelihood.value_and_gradient(self.kernel, self.noise_variance)[1]
 
     def predict(
         self,
         x: ArrayLike,
         *,
         include_noise: bool = False,
+        threads: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Prediction:
-        """Predict mean and standard deviation.
+        """Predict mean and standard deviation, in constant memory.
 
         Parameters
         ----------
@@ -162,6 +247,8 @@ class GaussianProcess:
         include_noise : bool
             Whether the standard deviation is that of a new observation, or that of the function
             underneath.
+        threads : int, optional
+            Chosen by the size of the task if left out; the numbers are the same with any.
         progress : callable, optional
             Called with (rows done, all rows).
 
@@ -173,32 +260,37 @@ class GaussianProcess:
         ------
         ObservationError
             If the inputs are not a finite matrix with the columns of training.
+        InputError
+            If fewer than one thread is asked for.
         """
         inputs = check_inputs(x, columns=self.x.shape[1])
         mean, variance = np.empty(len(inputs)), np.empty(len(inputs))
-        for rows in _chunks(len(inputs)):
-            cross = self.kernel.value(inputs[rows], self._posterior.x)
-            mean[rows] = cross @ self._posterior.weights
-            explained = solve_triangular(
-                self._posterior.factor, cross.T, lower=True, overwrite_b=True, check_finite=False
-            )
-            variance[rows] = self.kernel.diagonal(inputs[rows])
-            variance[rows] -= np.einsum("ij,ij->j", explained, explained)
-            if progress is not None:
-                progress(min(rows.stop, len(inputs)), len(inputs))
-        # rounding may leave a variance a hair below zero at a training point
-        np.maximum(variance, 0.0, out=variance)
+
+        def predict_rows(rows: slice) -> None:
+            mean[rows], variance[rows] = self._mean_and_variance(inputs[rows])
+
+        # computed once and before the threads that share it
+        _ = self._posterior.factor.inverse
+        self._in_chunks(predict_rows, len(inputs), threads, progress)
         if include_noise:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
 
-    def predict_mean(self, x: ArrayLike) -> FloatArray:
-        """Predict the mean alone, which takes no triangular solve.
+    def predict_mean(
+        self,
+        x: ArrayLike,
+        *,
+        threads: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FloatArray:
+        """Predict the mean alone, which takes no triangular solve and keeps no matrix.
 
         Parameters
         ----------
         x : (m, D) array
             Inputs, columns as in training.
+        threads, progress
+            As for `predict`.
 
         Returns
         -------
@@ -209,13 +301,16 @@ class GaussianProcess:
         ------
         ObservationError
             If the inputs are not a finite matrix with the columns of training.
+        InputError
+            If fewer than one thread is asked for.
         """
         inputs = check_inputs(x, columns=self.x.shape[1])
-        mean = np.empty(len(inputs))
-        for rows in _chunks(len(inputs)):
-            mean[rows] = self.kernel.value(inputs[rows], self._posterior.x) @ (
-                self._posterior.weights
-            )
+        mean, posterior = np.empty(len(inputs)), self._posterior
+
+        def predict_rows(rows: slice) -> None:
+            mean[rows] = tiles.product(self.kernel, inputs[rows], posterior.x, posterior.weights)
+
+        self._in_chunks(predict_rows, len(inputs), threads, progress)
         return mean
 
     def covariance(self, x: ArrayLike) -> FloatArray:
@@ -239,81 +334,58 @@ class GaussianProcess:
         """
         inputs = check_inputs(x, columns=self.x.shape[1])
         cross = self.kernel.value(inputs, self._posterior.x)
-        explained = solve_triangular(
-            self._posterior.factor, cross.T, lower=True, check_finite=False
-        )
-        out: FloatArray = self.kernel.value(inputs, inputs) - explained.T @ explained
+        with limit_blas(1):
+            explained = self._posterior.factor.half_solve(cross.T)
+            out: FloatArray = self.kernel.value(inputs, inputs) - explained.T @ explained
         return out
 
+    def leave_one_out(self) -> Prediction:
+        """Predict every training target from all the others, in closed form.
 
-def check_noise_variance(noise_variance: float) -> None:
-    """Check that a noise variance is positive and finite.
+        With α = K⁻¹ y the mean is y_i − α_i / K⁻¹_ii and the variance 1 / K⁻¹_ii (Rasmussen and
+        Williams 2006, Eq. 5.12); the hyperparameters are those learnt from all of them.
 
-    Parameters
-    ----------
-    noise_variance : float
-        In squared units of the target.
+        Returns
+        -------
+        Prediction
+            Of new observations, noise included, shape (n,); 0 and the noise alone where the
+            kernel's gate is closed.
+        """
+        active = ~self.kernel.gate(self.x)
+        mean = np.zeros(len(self.y))
+        variance = np.full(len(self.y), self.noise_variance)
+        with limit_blas(1):
+            variance[active] = 1.0 / self._posterior.factor.inverse_diagonal()
+        mean[active] = self.y[active] - self._posterior.weights * variance[active]
+        return Prediction(mean=mean, std=np.sqrt(variance))
 
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
-    if not (noise_variance > 0.0 and math.isfinite(noise_variance)):
-        msg = (
-            f"noise_variance must be positive and finite, got {noise_variance!r}; for targets "
-            "without noise take a small share of their variance, such as 1e-6"
-        )
-        raise InputError(msg)
+    def _mean_and_variance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and variance of the function at checked inputs, each (m,)."""
+        cross = np.empty((len(x), len(self._posterior.x)))
+        tiles.fill(self.kernel, x, self._posterior.x, cross)
+        mean = cross @ self._posterior.weights
+        explained = self._posterior.factor.half_solve(cross.T).T
+        variance = self.kernel.prior_variance(x) - np.einsum("ij,ij->i", explained, explained)
+        # rounding may leave a variance a hair below zero at a training point
+        return mean, np.maximum(variance, 0.0)
 
-
-def check_observations(
-    kernel: Kernel, x: ArrayLike, y: ArrayLike
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Check inputs against targets and find those that the kernel's gate lets in.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Prior covariance.
-    x : (n, D) array
-        Inputs.
-    y : (n,) array
-        Targets.
-
-    Returns
-    -------
-    x : (n, D) array
-        Checked inputs.
-    y : (n,) array
-        Checked targets.
-    active : (n,) bool array
-        False where the kernel multiplies by zero.
-
-    Raises
-    ------
-    ObservationError
-        If the arrays do not fit together, are not finite, are empty, or lie wholly outside the
-        kernel's range.
-    """
-    inputs = check_inputs(x, dims=kernel.columns)
-    targets = check_targets(y, observations=len(inputs))
-    if len(inputs) == 0:
-        msg = "at least one observation is needed, got none"
-        raise ObservationError(msg)
-    active = ~kernel.gate(inputs)
-    if not active.any():
-        msg = (
-            f"all {len(inputs)} observations lie outside the range in which the kernel is not "
-            "zero, so there is nothing to learn from; check the columns' order and units"
-        )
-        raise ObservationError(msg)
-    return inputs, targets, active
-
-
-def _chunks(rows: int) -> Iterator[slice]:
-    for start in range(0, rows, _CHUNK):
-        yield slice(start, start + _CHUNK)
+    def _in_chunks(
+        self,
+        predict_rows: Callable[[slice], None],
+        rows: int,
+        threads: int | None,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        """Call `predict_rows` with chunks of rows, in threads where that is worth it."""
+        worthwhile = rows * len(self._posterior.x) >= _MANY_PAIRS
+        chunks = [slice(start, min(start + _CHUNK, rows)) for start in range(0, rows, _CHUNK)]
+        count = choose_threads(threads, worthwhile=worthwhile)
+        # each thread calls linear algebra of its own
+        with limit_blas(1):
+            done = in_threads(predict_rows, chunks, threads=count)
+            for chunk, _ in zip(chunks, done, strict=True):
+                if progress is not None:
+                    progress(chunk.stop, rows)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

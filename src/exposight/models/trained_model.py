@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,6 +134,48 @@ class TrainedModel:
     def predict_table(self, table: ObservationTable) -> ModelPrediction:
         """Predict for every row of an observation table, which must have all inputs."""
         return self.predict(table.array(self.specification.inputs))
+
+    def with_observations(
+        self, table: ObservationTable, *, source: str = "a table in memory"
+    ) -> TrainedModel:
+        """Learn from more observations, as a cell does after each capture.
+
+        The hyperparameters stay; where the new observations lie far from the old ones, `train`
+        on all of them. With two thousand observations it takes some ten milliseconds.
+
+        Parameters
+        ----------
+        table : ObservationTable
+            Observations; those that this model does not learn from are left out
+            (`ModelSpecification.rows`), be it all of them.
+        source : str
+            What the table is; added to the model's provenance.
+
+        Returns
+        -------
+        TrainedModel
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            If the observations leave the covariance matrix without a Cholesky factor.
+        """
+        rows = self.specification.rows(table)
+        if len(rows) == 0:
+            return self
+        process = self.process.with_observations(*self.specification.data(rows))
+        return replace(
+            self,
+            process=process,
+            summary=replace(self.summary, log_marginal_likelihood=process.log_marginal_likelihood),
+            provenance=replace(
+                self.provenance,
+                observations=f"{self.provenance.observations}; {source}",
+                observations_sha256=None,
+                emulated=self.provenance.emulated or bool(rows.frame["emulated"].any()),
+                exposight_version=__version__,
+            ),
+        )
 
     def training_range(self) -> dict[str, tuple[float, float]]:
         """Return the smallest and largest training value of each input, in its unit."""

@@ -235,7 +235,9 @@ def _described(campaign: Campaign, plan: MeasuringPlan) -> str:
         if (views, captures) == (all_views, all_captures)
         else f"; the full study has {all_views} views and {all_captures} captures"
     )
-    return f"{campaign.name}: {views} views, {captures} captures, simulated{share}"
+    return (
+        f"{campaign.name}: {views} view{'s' * (views != 1)}, {captures} captures, simulated{share}"
+    )
 
 
 def _size(plan: MeasuringPlan) -> tuple[int, int]:
@@ -279,7 +281,7 @@ def _recorded(
         campaign=campaign,
         sensor=sensor,
         table=table,
-        description=f"{campaign.name}: {views} views, {captures} captures, recorded",
+        description=f"{campaign.name}: {views} view{'s' * (views != 1)}, {captures} captures, recorded",
     )
 
 

@@ -166,7 +166,7 @@ def _small() -> MeasuringPlan:
 
 
 def _demo() -> MeasuringPlan:
-    """The paper's 48 views of all inside features, at every second exposure time."""
+    """Return the paper's 48 views of all inside features, at every second exposure time."""
     planes = tuple(
         replace(plane, exposures_ms=plane.exposures_ms[1::2]) for plane in (_NEAR, _MIDDLE, _FAR)
     )

@@ -1,6 +1,6 @@
 """Covariance functions: one contract, small classes that compose."""
 
-from exposight.gp.kernels.base import GradientDot, Kernel, Product, Sum
+from exposight.gp.kernels.base import Kernel, Product, Sum
 from exposight.gp.kernels.change_point import ChangePoint
 from exposight.gp.kernels.description import kernel_from_dict
 from exposight.gp.kernels.leaf import Leaf
@@ -22,7 +22,6 @@ from exposight.gp.kernels.stationary import (
 __all__ = [
     "ChangePoint",
     "Exponential",
-    "GradientDot",
     "Kernel",
     "Leaf",
     "Linear",

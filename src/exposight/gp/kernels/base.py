@@ -1,21 +1,19 @@
 """The contract of a covariance function, and the products and sums that kernels compose to."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self, TypeAlias
+from functools import cached_property
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.errors import InputError
-from exposight.gp.kernels.parameters import Parameter, check_log_parameters, name_parameters
+from exposight.gp.kernels import tiles
+from exposight.gp.kernels.parameters import Parameter, name_parameters
 from exposight.gp.observations import BoolArray, FloatArray, check_inputs
 
-__all__ = ["GradientDot", "Kernel", "Product", "Sum"]
-
-GradientDot: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Maps weights W (n, n) to sum_ij W_ij dK_ij / dlog theta, one number a free parameter."""
+__all__ = ["Kernel", "Product", "Sum"]
 
 
 class Kernel(ABC):
@@ -23,6 +21,9 @@ class Kernel(ABC):
 
     Kernels compose: ``a * b`` and ``a + b`` are kernels. Derivatives are taken with respect to
     the natural logarithms of the free hyperparameters, in the order of `parameters`.
+
+    `fill`, `multiply`, `weigh` are for the inner loops: they take checked inputs in C order and
+    work on one tile of the covariance matrix, small enough for the processor's cache.
     """
 
     type_name: ClassVar[str]
@@ -33,51 +34,49 @@ class Kernel(ABC):
         """Columns of the inputs that the kernel reads, ascending for a tree."""
 
     @abstractmethod
-    def _leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
         """Type name and hyperparameters of each leaf of the tree, from left to right."""
 
     @abstractmethod
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Covariances of checked inputs: a fresh (n, m) array."""
-
-    @abstractmethod
-    def _diagonal(self, x: FloatArray) -> FloatArray:
-        """Variances of checked inputs: a fresh (n,) array."""
-
-    @abstractmethod
-    def _gate(self, x: FloatArray) -> BoolArray:
-        """Rows of checked inputs that the kernel multiplies by zero."""
-
-    @abstractmethod
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        """Value at checked inputs, and the weighted sum of its derivatives."""
-
-    @abstractmethod
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        """Generate dK / dlog theta at checked inputs, one (n, n) array a free parameter."""
-
-    @abstractmethod
-    def with_log_parameters(self, vector: ArrayLike) -> "Kernel":
-        """Return the same kernel with other values of its free hyperparameters.
-
-        Parameters
-        ----------
-        vector : (p,) array
-            Natural logarithms, ordered as `log_parameters`.
-
-        Returns
-        -------
-        Kernel
-
-        Raises
-        ------
-        InputError
-            If the vector has another length or is not finite.
-        """
+    def _with_logs(self, logs: FloatArray) -> Self:
+        """Do the work of `with_log_parameters`."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Describe the tree with what JSON can hold; `kernel_from_dict` reads it back."""
+
+    @abstractmethod
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """Write the covariances of (n, D) with (m, D) inputs into `out`, (n, m) in C order."""
+
+    def multiply(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """Multiply `out`, (n, m) in C order, by the covariances; as `fill`."""
+        out *= tiles.tile(self, x, y)
+
+    @abstractmethod
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """Sum the weighted derivatives of a tile.
+
+        Parameters
+        ----------
+        x, y : (n, D) and (m, D) array
+            As for `fill`.
+        weights : (n, m) array
+            W, in C order; may be overwritten.
+
+        Returns
+        -------
+        (p,) array
+            sum_ij W_ij dk(x_i, y_j) / dlog theta for each free hyperparameter.
+        """
+
+    @abstractmethod
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """Return `diagonal` for checked inputs: a fresh (n,) array."""
+
+    @abstractmethod
+    def closed(self, x: FloatArray) -> BoolArray:
+        """Return `gate` for checked inputs: a fresh (n,) array."""
 
     def value(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Covariance of every row of `x` with every row of `y`.
@@ -99,8 +98,11 @@ class Kernel(ABC):
         ObservationError
             If an array is not a finite matrix with the columns that the kernel reads.
         """
-        read = self.columns
-        return self._value(check_inputs(x, dims=read), check_inputs(y, name="y", dims=read))
+        rows = check_inputs(x, dims=self.columns)
+        columns = check_inputs(y, name="y", dims=self.columns)
+        out = np.empty((len(rows), len(columns)))
+        tiles.fill(self, rows, columns, out)
+        return out
 
     def diagonal(self, x: ArrayLike) -> FloatArray:
         """Prior variance k(x, x) of every row of `x`, without building a matrix.
@@ -115,7 +117,7 @@ class Kernel(ABC):
         (n,) array
             In squared units of the target.
         """
-        return self._diagonal(check_inputs(x, dims=self.columns))
+        return self.prior_variance(check_inputs(x, dims=self.columns))
 
     def gate(self, x: ArrayLike) -> BoolArray:
         """Rows that the kernel multiplies by zero: there the prior is exactly 0.
@@ -130,24 +132,7 @@ class Kernel(ABC):
         (n,) bool array
             True where k(x, ·) vanishes whatever the hyperparameters.
         """
-        return self._gate(check_inputs(x, dims=self.columns))
-
-    def linearise(self, x: ArrayLike) -> tuple[FloatArray, GradientDot]:
-        """Covariance matrix of `x` together with the weighted sums of its derivatives.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Inputs, each column in its own unit.
-
-        Returns
-        -------
-        value : (n, n) array
-            As ``value(x, x)``.
-        gradient_dot : callable
-            Maps weights (n, n) to sum_ij W_ij dK_ij / dlog theta, shape (p,).
-        """
-        return self._linearise(check_inputs(x, dims=self.columns))
+        return self.closed(check_inputs(x, dims=self.columns))
 
     def gradient_dot(self, x: ArrayLike, weights: ArrayLike) -> FloatArray:
         """Weighted sums of the covariance's derivatives.
@@ -170,32 +155,56 @@ class Kernel(ABC):
             If the weights have another shape.
         """
         inputs = check_inputs(x, dims=self.columns)
-        matrix = np.ascontiguousarray(weights, dtype=np.float64)
+        matrix = np.asarray(weights, dtype=np.float64)
         if matrix.shape != (len(inputs), len(inputs)):
             msg = f"weights must have shape {(len(inputs),) * 2}, got {matrix.shape}"
             raise InputError(msg)
-        return self._linearise(inputs)[1](matrix)
+        total = np.zeros(len(self.free_parameters))
+        for rows in tiles.row_blocks(len(inputs)):
+            total += tiles.weighted_derivatives(
+                self,
+                inputs,
+                rows,
+                first_column=0,
+                weights=lambda rows, columns: matrix[rows, columns].copy(),
+            )
+        return total
 
-    def gradient(self, x: ArrayLike) -> Iterator[FloatArray]:
-        """Generate the derivatives of the covariance matrix, one after the other.
+    def with_log_parameters(self, vector: ArrayLike) -> Self:
+        """Return the same kernel with other values of its free hyperparameters.
 
         Parameters
         ----------
-        x : (n, D) array
-            Inputs, each column in its own unit.
+        vector : (p,) array
+            Natural logarithms, ordered as `log_parameters`.
 
-        Yields
+        Returns
+        -------
+        Kernel
+
+        Raises
         ------
-        (n, n) array
-            dK / dlog theta for each free hyperparameter. Fitting uses `gradient_dot` instead,
-            which needs none of these matrices.
+        InputError
+            If the vector has another length or is not finite.
         """
-        return self._gradient(check_inputs(x, dims=self.columns))
+        logs = np.asarray(vector, dtype=np.float64)
+        if logs.shape != (self._free_count,) or not np.isfinite(logs).all():
+            names = ", ".join(parameter.name for parameter in self.free_parameters) or "none"
+            msg = (
+                f"expected {self._free_count} finite logarithms of hyperparameters ({names}), "
+                f"got {logs}"
+            )
+            raise InputError(msg)
+        return self._with_logs(logs)
+
+    @cached_property
+    def _free_count(self) -> int:
+        return sum(own.free for _, parameters in self.leaves() for own in parameters)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """All hyperparameters, fixed ones included, named and ordered from left to right."""
-        return name_parameters(self._leaves())
+        return name_parameters(self.leaves())
 
     @property
     def free_parameters(self) -> tuple[Parameter, ...]:
@@ -217,13 +226,9 @@ class Kernel(ABC):
             return NotImplemented
         return Sum(terms=(self, other))
 
-    def _multiply_into(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
-        """Multiply `out` by the covariances of checked inputs, in place."""
-        out *= self._value(x, y)
-
 
 class _Composite(Kernel):
-    """What products and sums have in common."""
+    """What products and sums have in common: a field that holds the kernels."""
 
     _field: ClassVar[str]
 
@@ -240,36 +245,30 @@ class _Composite(Kernel):
         object.__setattr__(self, self._field, tuple(flat))
 
     @property
-    @abstractmethod
     def _children(self) -> tuple[Kernel, ...]:
         """The kernels that this one is composed of, from left to right."""
-
-    @abstractmethod
-    def _with_children(self, children: tuple[Kernel, ...]) -> Self:
-        """Return the same composition of other kernels."""
+        children: tuple[Kernel, ...] = getattr(self, self._field)
+        return children
 
     @property
     def columns(self) -> tuple[int, ...]:
         """Columns of the inputs that the kernel reads, ascending."""
         return tuple(sorted({column for child in self._children for column in child.columns}))
 
-    def with_log_parameters(self, vector: ArrayLike) -> Self:
-        """See `Kernel.with_log_parameters`."""
-        ends = np.cumsum([len(child.free_parameters) for child in self._children])
-        parts = np.split(check_log_parameters(vector, self.free_parameters), ends[:-1])
-        return self._with_children(
-            tuple(
-                child.with_log_parameters(part)
-                for child, part in zip(self._children, parts, strict=True)
-            )
+    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+        """See `Kernel.leaves`."""
+        return tuple(leaf for child in self._children for leaf in child.leaves())
+
+    def _with_logs(self, logs: FloatArray) -> Self:
+        parts = np.split(logs, np.cumsum([child._free_count for child in self._children])[:-1])
+        children = tuple(
+            child._with_logs(part) for child, part in zip(self._children, parts, strict=True)
         )
+        return replace(self, **{self._field: children})  # type: ignore[type-var]  # a dataclass
 
     def to_dict(self) -> dict[str, Any]:
         """See `Kernel.to_dict`."""
         return {"type": self.type_name, self._field: [own.to_dict() for own in self._children]}
-
-    def _leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
-        return tuple(leaf for child in self._children for leaf in child._leaves())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,58 +293,48 @@ class Product(_Composite):
     type_name: ClassVar[str] = "product"
     _field: ClassVar[str] = "factors"
 
-    @property
-    def _children(self) -> tuple[Kernel, ...]:
-        return self.factors
+    @cached_property
+    def _moving(self) -> tuple[Kernel, ...]:
+        """Factors with a free hyperparameter."""
+        return tuple(factor for factor in self.factors if factor._free_count)
 
-    def _with_children(self, children: tuple[Kernel, ...]) -> Self:
-        return replace(self, factors=children)
+    @cached_property
+    def _still(self) -> tuple[Kernel, ...]:
+        """Factors that fitting leaves alone, gates above all."""
+        return tuple(factor for factor in self.factors if not factor._free_count)
 
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.fill`."""
         first, *others = self.factors
-        out = first._value(x, y)
+        first.fill(x, y, out)
         for factor in others:
-            factor._multiply_into(x, y, out)
+            factor.multiply(x, y, out)
+
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Kernel.weigh`; a factor's weights are multiplied by all other factors."""
+        for still in self._still:
+            still.multiply(x, y, weights)
+        if len(self._moving) == 1:
+            return self._moving[0].weigh(x, y, weights)
+        values = [tiles.tile(factor, x, y) for factor in self._moving]
+        parts = [np.empty(0)]
+        for own, factor in enumerate(self._moving):
+            others = weights.copy()
+            for other, value in enumerate(values):
+                if other != own:
+                    others *= value
+            parts.append(factor.weigh(x, y, others))
+        return np.concatenate(parts)
+
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """See `Kernel.diagonal`."""
+        out: FloatArray = np.prod([factor.prior_variance(x) for factor in self.factors], axis=0)
         return out
 
-    def _diagonal(self, x: FloatArray) -> FloatArray:
-        out: FloatArray = np.prod([factor._diagonal(x) for factor in self.factors], axis=0)
+    def closed(self, x: FloatArray) -> BoolArray:
+        """See `Kernel.gate`: closed where one factor is."""
+        out: BoolArray = np.any([factor.closed(x) for factor in self.factors], axis=0)
         return out
-
-    def _gate(self, x: FloatArray) -> BoolArray:
-        out: BoolArray = np.any([factor._gate(x) for factor in self.factors], axis=0)
-        return out
-
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        linear = [factor._linearise(x) for factor in self.factors if factor.free_parameters]
-        constant = [factor for factor in self.factors if not factor.free_parameters]
-        out = linear[0][0].copy() if linear else np.ones((len(x), len(x)))
-        for value, _ in linear[1:]:
-            out *= value
-        for factor in constant:
-            factor._multiply_into(x, x, out)
-
-        def gradient_dot(weights: FloatArray) -> FloatArray:
-            parts = [np.empty(0)]
-            for own, (_, own_gradient_dot) in enumerate(linear):
-                others = weights.copy()
-                for other, (value, _) in enumerate(linear):
-                    if other != own:
-                        others *= value
-                for factor in constant:
-                    factor._multiply_into(x, x, others)
-                parts.append(own_gradient_dot(others))
-            return np.concatenate(parts)
-
-        return out, gradient_dot
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        for own, factor in enumerate(self.factors):
-            for derivative in factor._gradient(x):
-                for other, rest in enumerate(self.factors):
-                    if other != own:
-                        rest._multiply_into(x, x, derivative)
-                yield derivative
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -367,39 +356,23 @@ class Sum(_Composite):
     type_name: ClassVar[str] = "sum"
     _field: ClassVar[str] = "terms"
 
-    @property
-    def _children(self) -> tuple[Kernel, ...]:
-        return self.terms
-
-    def _with_children(self, children: tuple[Kernel, ...]) -> Self:
-        return replace(self, terms=children)
-
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.fill`."""
         first, *others = self.terms
-        out = first._value(x, y)
+        first.fill(x, y, out)
         for term in others:
-            out += term._value(x, y)
+            out += tiles.tile(term, x, y)
+
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Kernel.weigh`."""
+        return np.concatenate([term.weigh(x, y, weights.copy()) for term in self.terms])
+
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """See `Kernel.diagonal`."""
+        out: FloatArray = np.sum([term.prior_variance(x) for term in self.terms], axis=0)
         return out
 
-    def _diagonal(self, x: FloatArray) -> FloatArray:
-        out: FloatArray = np.sum([term._diagonal(x) for term in self.terms], axis=0)
+    def closed(self, x: FloatArray) -> BoolArray:
+        """See `Kernel.gate`: closed only where all terms are."""
+        out: BoolArray = np.all([term.closed(x) for term in self.terms], axis=0)
         return out
-
-    def _gate(self, x: FloatArray) -> BoolArray:
-        out: BoolArray = np.all([term._gate(x) for term in self.terms], axis=0)
-        return out
-
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        linear = [term._linearise(x) for term in self.terms]
-        out = linear[0][0].copy()
-        for value, _ in linear[1:]:
-            out += value
-
-        def gradient_dot(weights: FloatArray) -> FloatArray:
-            return np.concatenate([term_gradient_dot(weights) for _, term_gradient_dot in linear])
-
-        return out, gradient_dot
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        for term in self.terms:
-            yield from term._gradient(x)

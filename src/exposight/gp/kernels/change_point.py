@@ -1,16 +1,16 @@
 """The gate that switches a kernel off outside a range."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp.kernels.arguments import check_dims
-from exposight.gp.kernels.base import GradientDot
 from exposight.gp.kernels.leaf import Leaf
+from exposight.gp.kernels.loops import close_outside
 from exposight.gp.kernels.parameters import Parameter
 from exposight.gp.observations import BoolArray, FloatArray
 
@@ -76,30 +76,31 @@ class ChangePoint(Leaf):
         del values
         return self
 
-    def _gate(self, x: FloatArray) -> BoolArray:
-        column = x[:, self.dim]
-        out = np.zeros(len(x), dtype=np.bool_)
-        if self.minimum is not None:
-            out |= column < self.minimum
-        if self.maximum is not None:
-            out |= column > self.maximum
+    @cached_property
+    def _limits(self) -> tuple[float, float]:
+        low = -math.inf if self.minimum is None else self.minimum
+        return low, math.inf if self.maximum is None else self.maximum
+
+    def closed(self, x: FloatArray) -> BoolArray:
+        """See `Kernel.gate`."""
+        low, high = self._limits
+        out: BoolArray = (x[:, self.dim] < low) | (x[:, self.dim] > high)
         return out
 
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        out = np.ones((len(x), len(y)))
-        self._multiply_into(x, y, out)
-        return out
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.fill`."""
+        out[:] = 1.0
+        self.multiply(x, y, out)
 
-    def _diagonal(self, x: FloatArray) -> FloatArray:
-        return (~self._gate(x)).astype(np.float64)
+    def multiply(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.multiply`."""
+        close_outside(x, y, self.dim, *self._limits, out)
 
-    def _multiply_into(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
-        out[self._gate(x), :] = 0.0
-        out[:, self._gate(y)] = 0.0
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Kernel.weigh`: there is nothing to differentiate."""
+        del x, y, weights
+        return np.empty(0)
 
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        return self._value(x, x), lambda _: np.empty(0)
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        del x
-        return iter(())
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """See `Kernel.diagonal`."""
+        return (~self.closed(x)).astype(np.float64)

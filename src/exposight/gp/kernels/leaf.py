@@ -1,13 +1,13 @@
 """Base of the kernels that are not composed of others."""
 
 from abc import abstractmethod
+from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from exposight.gp.kernels.base import Kernel
-from exposight.gp.kernels.parameters import Parameter, check_log_parameters
+from exposight.gp.kernels.parameters import Parameter
 from exposight.gp.observations import BoolArray, FloatArray
 
 __all__ = ["Leaf"]
@@ -25,25 +25,21 @@ class Leaf(Kernel):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         """Return the kernel with these values of all of its hyperparameters."""
 
-    def with_log_parameters(self, vector: ArrayLike) -> Self:
-        """See `Kernel.with_log_parameters`."""
-        values = iter(np.exp(check_log_parameters(vector, self.free_parameters)))
+    def _with_logs(self, logs: FloatArray) -> Self:
+        values = iter(np.exp(logs))
         return self._with_values(
             tuple(float(next(values)) if own.free else own.value for own in self.hyperparameters)
         )
 
-    def _leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+        """See `Kernel.leaves`."""
         return ((self.type_name, self.hyperparameters),)
 
-    def _gate(self, x: FloatArray) -> BoolArray:
+    def closed(self, x: FloatArray) -> BoolArray:
+        """See `Kernel.gate`."""
         return np.zeros(len(x), dtype=np.bool_)
 
-    def _free_only(self, derivatives: list[float]) -> FloatArray:
-        """Keep the derivatives of the free hyperparameters."""
-        return np.array(
-            [
-                derivative
-                for derivative, own in zip(derivatives, self.hyperparameters, strict=True)
-                if own.free
-            ]
-        )
+    @cached_property
+    def _free(self) -> BoolArray:
+        """Which of the hyperparameters are free."""
+        return np.array([own.free for own in self.hyperparameters], dtype=np.bool_)

@@ -1,6 +1,5 @@
 """The linear kernel."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -8,7 +7,6 @@ import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp.kernels.arguments import check_dims, check_fixed, check_positive
-from exposight.gp.kernels.base import GradientDot
 from exposight.gp.kernels.leaf import Leaf
 from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.observations import FloatArray
@@ -87,24 +85,17 @@ class Linear(Leaf):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variances=values)
 
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        out: FloatArray = (x[:, self.dims] * np.array(self.variances)) @ y[:, self.dims].T
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.fill`."""
+        np.matmul(x[:, self.dims] * np.array(self.variances), y[:, self.dims].T, out=out)
+
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Kernel.weigh`."""
+        products = np.sum(x[:, self.dims] * (weights @ y[:, self.dims]), axis=0)
+        out: FloatArray = (products * np.array(self.variances))[self._free]
         return out
 
-    def _diagonal(self, x: FloatArray) -> FloatArray:
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """See `Kernel.diagonal`."""
         out: FloatArray = x[:, self.dims] ** 2 @ np.array(self.variances)
         return out
-
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        columns = x[:, self.dims]
-
-        def gradient_dot(weights: FloatArray) -> FloatArray:
-            products = np.sum(columns * (weights @ columns), axis=0)
-            return self._free_only(list(products * np.array(self.variances)))
-
-        return self._value(x, x), gradient_dot
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        if "variances" not in self.fixed:
-            for variance, column in zip(self.variances, x[:, self.dims].T, strict=True):
-                yield variance * np.outer(column, column)

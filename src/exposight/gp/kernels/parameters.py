@@ -1,17 +1,11 @@
 """Hyperparameters of a kernel, as records."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from exposight.errors import InputError
-from exposight.gp.observations import FloatArray
-
-__all__ = ["Parameter", "Quantity", "check_log_parameters", "name_parameters"]
+__all__ = ["Parameter", "Quantity", "name_parameters"]
 
 
 class Quantity(StrEnum):
@@ -74,30 +68,3 @@ def name_parameters(
         prefix = f"{name}_{seen[name]}" if occurrences[name] > 1 else name
         named += [replace(parameter, name=f"{prefix}.{parameter.name}") for parameter in own]
     return tuple(named)
-
-
-def check_log_parameters(vector: ArrayLike, free: Sequence[Parameter]) -> FloatArray:
-    """Check the logarithms of free hyperparameters and return them as an array.
-
-    Parameters
-    ----------
-    vector : (p,) array
-        Natural logarithms.
-    free : sequence of Parameter
-        The hyperparameters they are for.
-
-    Returns
-    -------
-    (p,) float64 array
-
-    Raises
-    ------
-    InputError
-        If their number is another, or one is not finite.
-    """
-    logs = np.asarray(vector, dtype=np.float64)
-    if logs.shape != (len(free),) or not np.isfinite(logs).all():
-        names = ", ".join(parameter.name for parameter in free) or "none"
-        msg = f"expected {len(free)} finite logarithms of hyperparameters ({names}), got {logs}"
-        raise InputError(msg)
-    return logs

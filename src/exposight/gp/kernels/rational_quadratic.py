@@ -1,13 +1,10 @@
 """The rational quadratic kernel, and GPy's way of writing it."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
-import numpy as np
-from scipy.spatial.distance import cdist
-
+from exposight.gp.kernels import loops
 from exposight.gp.kernels.arguments import check_positive
 from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.kernels.stationary import Stationary
@@ -68,40 +65,12 @@ class RationalQuadratic(Stationary):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variance=values[0], length_scales=values[1:-1], alpha=values[-1])
 
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        # exp and log1p take half the time of a general power
-        r2 *= 0.5 / self.alpha
-        np.log1p(r2, out=r2)
-        r2 *= -self.alpha
-        return np.exp(r2, out=r2)
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_rational_quadratic(r2, self.variance, self.alpha)
 
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        out = r2 * (0.5 / self.alpha)
-        out += 1.0
-        np.divide(profile, out, out=out)
-        out *= -0.5
-        return out
-
-    def _alpha_derivative(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        """Differentiate the correlation with respect to log alpha."""
-        u = r2 * (0.5 / self.alpha)
-        share = u / (1.0 + u)
-        share -= np.log1p(u, out=u)
-        share *= profile
-        share *= self.alpha
-        return share
-
-    def _further_derivatives(
-        self, r2: FloatArray, profile: FloatArray, weights: FloatArray
-    ) -> list[float]:
-        return [self.variance * float(np.vdot(weights, self._alpha_derivative(r2, profile)))]
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        yield from super()._gradient(x)
-        if "alpha" not in self.fixed:
-            scaled = self._scaled(x)
-            r2 = cdist(scaled, scaled, "sqeuclidean")
-            yield self.variance * self._alpha_derivative(r2, self._profile(r2.copy()))
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        variance, alpha = loops.derive_rational_quadratic(r2, weights, self.variance, self.alpha)
+        return variance, alpha
 
 
 def gpy_length_scale(length_scale: float, *, alpha: float) -> float:

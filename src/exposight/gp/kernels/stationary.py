@@ -1,19 +1,19 @@
 """Kernels of the scaled distance r, r² = sum_d (x_d − x'_d)² / l_d²."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from exposight.errors import InputError
+from exposight.gp.kernels import loops
 from exposight.gp.kernels.arguments import check_dims, check_fixed, check_positive
-from exposight.gp.kernels.base import GradientDot
 from exposight.gp.kernels.leaf import Leaf
+from exposight.gp.kernels.loops import squared_distances, weighted_square_differences
 from exposight.gp.kernels.parameters import Parameter, Quantity
-from exposight.gp.observations import FloatArray
+from exposight.gp.observations import FloatArray, IntArray
 
 __all__ = [
     "Exponential",
@@ -22,10 +22,6 @@ __all__ = [
     "SquaredExponential",
     "Stationary",
 ]
-
-# Pairs nearer than 1e-8 of the largest distance have no direction that rounding has left intact;
-# their share of the exponential kernel's derivative is of the same size and is left out.
-_COINCIDENT = 1e-16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,12 +73,17 @@ class Stationary(Leaf):
     # -- the shape of the kernel, for its own length scales --------------------------------
 
     @abstractmethod
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        """Correlation at squared scaled distances `r2`, which may be overwritten."""
+    def _correlate(self, r2: FloatArray) -> None:
+        """Turn a tile of squared scaled distances into covariances, in place."""
 
     @abstractmethod
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        """Differentiate the correlation with respect to r²; returns a fresh array."""
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        """Turn a tile of squared scaled distances into weight times −2 dk/dr², in place.
+
+        That is what (x_d − x'_d)²/l_d² has to be weighed by for the derivative with respect to
+        log l_d. Returns the weighted sums of the derivatives for the logs of the variance and of
+        the hyperparameters after the length scales.
+        """
 
     @classmethod
     def _fields(cls) -> tuple[str, ...]:
@@ -101,7 +102,7 @@ class Stationary(Leaf):
         """The variance, then the length scales."""
         free = "length_scales" not in self.fixed
         scales: list[tuple[str, float, tuple[int, ...]]]
-        if self._ard:
+        if len(self.length_scales) > 1:
             scales = [
                 (f"length_scale[{dim}]", scale, (dim,))
                 for dim, scale in zip(self.dims, self.length_scales, strict=True)
@@ -137,68 +138,34 @@ class Stationary(Leaf):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variance=values[0], length_scales=values[1:])
 
-    def _value(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        out = self._profile(cdist(self._scaled(x), self._scaled(y), "sqeuclidean"))
-        out *= self.variance
+    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+        """See `Kernel.fill`."""
+        squared_distances(x, y, self._columns, self._rates, out)
+        self._correlate(out)
+
+    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+        """See `Kernel.weigh`."""
+        r2 = np.empty_like(weights)
+        squared_distances(x, y, self._columns, self._rates, r2)
+        variance, *further = self._derive(r2, weights)
+        scales = weighted_square_differences(x, y, self._columns, self._rates, r2)
+        if len(self.length_scales) == 1:
+            scales = scales.sum(keepdims=True)
+        out: FloatArray = np.array([variance, *scales, *further])[self._free]
         return out
 
-    def _diagonal(self, x: FloatArray) -> FloatArray:
+    def prior_variance(self, x: FloatArray) -> FloatArray:
+        """See `Kernel.diagonal`."""
         return np.full(len(x), self.variance)
 
-    def _linearise(self, x: FloatArray) -> tuple[FloatArray, GradientDot]:
-        scaled = self._scaled(x)
-        r2 = cdist(scaled, scaled, "sqeuclidean")
-        profile = self._profile(r2.copy())
+    @cached_property
+    def _columns(self) -> IntArray:
+        return np.array(self.dims, dtype=np.int64)
 
-        def gradient_dot(weights: FloatArray) -> FloatArray:
-            derivatives = [self.variance * float(np.vdot(weights, profile))]
-            slope = self._slope(r2, profile)
-            slope *= weights
-            slope *= -2.0 * self.variance
-            if self._ard:
-                derivatives += list(_weighted_square_differences(scaled, slope))
-            else:
-                derivatives.append(float(np.vdot(slope, r2)))
-            derivatives += self._further_derivatives(r2, profile, weights)
-            return self._free_only(derivatives)
-
-        return self.variance * profile, gradient_dot
-
-    def _gradient(self, x: FloatArray) -> Iterator[FloatArray]:
-        scaled = self._scaled(x)
-        r2 = cdist(scaled, scaled, "sqeuclidean")
-        profile = self._profile(r2.copy())
-        if "variance" not in self.fixed:
-            yield self.variance * profile
-        if "length_scales" not in self.fixed:
-            slope = -2.0 * self.variance * self._slope(r2, profile)
-            if self._ard:
-                for column in scaled.T:
-                    yield slope * (column[:, None] - column[None, :]) ** 2
-            else:
-                yield slope * r2
-
-    def _further_derivatives(
-        self, r2: FloatArray, profile: FloatArray, weights: FloatArray
-    ) -> list[float]:
-        """Weighted derivatives of hyperparameters beyond variance and length scales."""
-        del r2, profile, weights
-        return []
-
-    @property
-    def _ard(self) -> bool:
-        return len(self.length_scales) > 1
-
-    def _scaled(self, x: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(x[:, self.dims] / np.array(self.length_scales))
-
-
-def _weighted_square_differences(scaled: FloatArray, weights: FloatArray) -> FloatArray:
-    """sum_ij W_ij (x_id − x_jd)² for each column d, without an (n, n, D) array."""
-    centred = scaled - scaled.mean(axis=0)
-    sums = weights.sum(axis=0) + weights.sum(axis=1)
-    out: FloatArray = sums @ centred**2 - 2.0 * np.sum(centred * (weights @ centred), axis=0)
-    return out
+    @cached_property
+    def _rates(self) -> FloatArray:
+        """One over the length scale of each column."""
+        return np.full(len(self.dims), 1.0 / np.array(self.length_scales))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,12 +178,11 @@ class SquaredExponential(Stationary):
 
     type_name: ClassVar[str] = "squared_exponential"
 
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        r2 *= -0.5
-        return np.exp(r2, out=r2)
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_squared_exponential(r2, self.variance)
 
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        return -0.5 * profile
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        return (loops.derive_squared_exponential(r2, weights, self.variance),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,19 +196,11 @@ class Exponential(Stationary):
 
     type_name: ClassVar[str] = "exponential"
 
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        np.sqrt(r2, out=r2)
-        np.negative(r2, out=r2)
-        return np.exp(r2, out=r2)
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_exponential(r2, self.variance)
 
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        apart = r2 > _COINCIDENT * r2.max(initial=0.0)
-        out = np.zeros_like(r2)
-        np.sqrt(r2, out=out)
-        np.divide(profile, out, out=out, where=apart)
-        out *= -0.5
-        out[~apart] = 0.0
-        return out
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        return (loops.derive_exponential(r2, weights, self.variance),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,13 +209,11 @@ class Matern32(Stationary):
 
     type_name: ClassVar[str] = "matern32"
 
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        r2 *= 3.0
-        np.sqrt(r2, out=r2)
-        return (1.0 + r2) * np.exp(-r2)
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_matern32(r2, self.variance)
 
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        return -1.5 * profile / (1.0 + np.sqrt(3.0 * r2))
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        return (loops.derive_matern32(r2, weights, self.variance),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,10 +222,8 @@ class Matern52(Stationary):
 
     type_name: ClassVar[str] = "matern52"
 
-    def _profile(self, r2: FloatArray) -> FloatArray:
-        root = np.sqrt(5.0 * r2)
-        return (1.0 + root + (5.0 / 3.0) * r2) * np.exp(-root)
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_matern52(r2, self.variance)
 
-    def _slope(self, r2: FloatArray, profile: FloatArray) -> FloatArray:
-        root = np.sqrt(5.0 * r2)
-        return (-5.0 / 6.0) * (1.0 + root) * np.exp(-root)
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        return (loops.derive_matern52(r2, weights, self.variance),)

@@ -30,6 +30,8 @@ __all__ = [
 _COLUMNS = ("exposure_ms", "i_avg", "p_norm", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
 _ROW_WIDTH_MM = 10.0
 """Positions of one row of a grid differ by alignment errors, "up to 5 mm" (Sect. 3.2.2), each."""
+_ENOUGH_PLACES = 3
+"""Places along x that show a trend."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +104,7 @@ class ExposureRow:
     dataset : str
         Where the rows come from.
     curves : tuple of ObservedCurve
-        Views whose y and z are the nearest to 0 that there are, by growing x.
+        Views with y and z near to 0 (`nearest_row`), by growing x.
     """
 
     sensor: SensorKind
@@ -180,10 +182,11 @@ def extreme_radii(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...
 
 
 def nearest_row(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...]:
-    """Return the first feature's curves along x whose y and z are nearest to 0, by growing x.
+    """Return one feature's curves along x whose y and z are near to 0, by growing x.
 
     The paper shows y_tcp = z_tcp = 0 (Figs. 13 and 17). A grid of an even number of positions has
-    no such row; then the nearest one is shown.
+    no such row; then the nearest one is shown: the first feature's nearest row of at least three
+    places, or where no feature has three, of as many as there are.
 
     Parameters
     ----------
@@ -199,16 +202,28 @@ def nearest_row(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...]:
     if not long:
         msg = f"a trend needs a feature at two exposure times of one view, got {len(curves)} curves"
         raise ObservationError(msg)
-    feature = min(curve.feature for curve in long)
-    own = [curve for curve in long if curve.feature == feature]
-    nearest = min(own, key=lambda curve: (float(np.hypot(curve.y_mm, curve.z_mm)), curve.view))
-    row = [
+    rows = [(curve, _row_of(curve, long)) for curve in long]
+    _, chosen = min(
+        rows,
+        key=lambda own: (
+            -min(len(own[1]), _ENOUGH_PLACES),
+            own[0].feature,
+            float(np.hypot(own[0].y_mm, own[0].z_mm)),
+            own[0].view,
+        ),
+    )
+    return tuple(sorted(chosen, key=lambda curve: (curve.x_mm, curve.view)))
+
+
+def _row_of(one: ObservedCurve, curves: list[ObservedCurve]) -> list[ObservedCurve]:
+    """Return the curves of the same feature beside one along x."""
+    return [
         curve
-        for curve in own
-        if abs(curve.y_mm - nearest.y_mm) <= _ROW_WIDTH_MM
-        and abs(curve.z_mm - nearest.z_mm) <= _ROW_WIDTH_MM
+        for curve in curves
+        if curve.feature == one.feature
+        and abs(curve.y_mm - one.y_mm) <= _ROW_WIDTH_MM
+        and abs(curve.z_mm - one.z_mm) <= _ROW_WIDTH_MM
     ]
-    return tuple(sorted(row, key=lambda curve: (curve.x_mm, curve.view)))
 
 
 def feature_positions(table: ObservationTable) -> tuple[FeaturePositions, ...]:

@@ -1,0 +1,289 @@
+"""Hyperparameters of a committee: the sum of the shards' likelihoods, evaluated anywhere."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from exposight.errors import InputError, NumericalError
+from exposight.gp.arguments import check_observations
+from exposight.gp.bounds import Bounds, DataScale
+from exposight.gp.committee import Committee
+from exposight.gp.fitting import FitResult, fit
+from exposight.gp.kernels import Kernel
+from exposight.gp.likelihood import MarginalLikelihood
+from exposight.gp.observations import FloatArray
+from exposight.gp.priors import NO_PRIORS, LogNormal
+from exposight.gp.search import Search
+from exposight.gp.shards import Rows, check_sizes, partition
+from exposight.gp.threads import choose_threads, in_threads, limit_blas
+
+__all__ = ["CommitteeFitResult", "ShardMap", "ShardTask", "evaluate_shard", "fit_committee"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShardTask:
+    """One evaluation of one shard's likelihood; small, and fit to travel to another process.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Prior covariance.
+    noise_variance : float
+        In squared units of the target.
+    x : (m, D) array
+        The shard's inputs, all inside the kernel's gate.
+    y : (m,) array
+        Its targets.
+    """
+
+    kernel: Kernel
+    noise_variance: float
+    x: FloatArray
+    y: FloatArray
+
+
+def evaluate_shard(task: ShardTask) -> tuple[float, FloatArray]:
+    """Evaluate a shard's log marginal likelihood and its gradient, on one thread.
+
+    Parameters
+    ----------
+    task : ShardTask
+
+    Returns
+    -------
+    likelihood : float
+    gradient : (p + 1,) array
+        With respect to the kernel's `log_parameters`, then the log of the noise variance.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the covariance matrix has no Cholesky factor, even with the largest jitter.
+    """
+    everywhere = np.ones(len(task.y), dtype=np.bool_)
+    likelihood = MarginalLikelihood(task.x, task.y, active=everywhere, threads=1)
+    return likelihood.value_and_gradient(task.kernel, task.noise_variance)
+
+
+class ShardMap(Protocol):
+    """Applies a function to tasks and returns the results in their order, as `map` does.
+
+    `concurrent.futures.Executor.map` is one; for Dask's ``client`` take
+    ``lambda work, tasks: client.gather(client.map(work, tasks, pure=False))``.
+    """
+
+    def __call__(
+        self, work: Callable[[ShardTask], tuple[float, FloatArray]], tasks: Sequence[ShardTask], /
+    ) -> Iterable[tuple[float, FloatArray]]:
+        """Apply `work` to every task."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommitteeFitResult:
+    """A fitted committee and how it was found.
+
+    Attributes
+    ----------
+    committee : Committee
+        With the hyperparameters found, conditioned on all observations.
+    log_marginal_likelihood : float
+        Sum over the shards that were searched on.
+    converged : bool
+        Whether the search on them reports a maximum.
+    evaluations : int
+        Of that sum with its gradient.
+    seconds : float
+        Wall time.
+    searched : int
+        Observations in the shards that were searched on.
+    warm_start : FitResult
+        The exact fit on the communication set, where the search began.
+    parameters_at_bound : tuple of str
+        Names of hyperparameters that ended at a limit.
+    """
+
+    committee: Committee
+    log_marginal_likelihood: float
+    converged: bool
+    evaluations: int
+    seconds: float
+    searched: int
+    warm_start: FitResult
+    parameters_at_bound: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _SumOfShards:
+    """The likelihood of shards that know nothing of each other."""
+
+    shards: Sequence[tuple[FloatArray, FloatArray]]
+    shard_map: ShardMap
+
+    @property
+    def observations(self) -> int:
+        """Of all shards."""
+        return sum(len(y) for _, y in self.shards)
+
+    def value_and_gradient(self, kernel: Kernel, noise_variance: float) -> tuple[float, FloatArray]:
+        """Sum over the shards."""
+        tasks = [
+            ShardTask(kernel=kernel, noise_variance=noise_variance, x=x, y=y)
+            for x, y in self.shards
+        ]
+        values, gradients = zip(*self.shard_map(evaluate_shard, tasks), strict=True)
+        return float(sum(values)), np.sum(gradients, axis=0)
+
+
+def fit_committee(
+    kernel: Kernel,
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    rng: np.random.Generator,
+    shard_size: int = 2000,
+    communication: int = 1000,
+    search_shards: int | None = None,
+    bounds: Bounds | None = None,
+    priors: Mapping[str, LogNormal] = NO_PRIORS,
+    restarts: int = 3,
+    max_iterations: int = 300,
+    shard_map: ShardMap | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> CommitteeFitResult:
+    """Find the hyperparameters that make the shards most likely, and condition a committee.
+
+    The starts run on a sample as large as the communication set; from the best end one search
+    climbs the sum of the shards' likelihoods.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Its form. Fixed hyperparameters keep their values.
+    x : (n, D) array
+        Inputs, each column in its own unit.
+    y : (n,) array
+        Targets.
+    rng : numpy.random.Generator
+        Draws the samples, the starts after the first, and the shards to search on.
+    shard_size, communication
+        As for `Committee.condition`.
+    search_shards : int, optional
+        Search on so many shards, drawn at random, instead of all: a handful of hyperparameters
+        needs no hundred thousand observations.
+    bounds, priors, restarts, max_iterations
+        As for `fit`.
+    shard_map : ShardMap, optional
+        Who evaluates the shards, for instance the `map` of a pool of processes; threads of this
+        process if left out.
+    threads : int, optional
+        For what is done in this process; chosen if left out.
+    progress : callable, optional
+        Called with (steps done, all steps): the starts, the search, then the experts.
+
+    Returns
+    -------
+    CommitteeFitResult
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be right, or the observations are too few for a committee.
+    ObservationError
+        If the observations are malformed, or all alike.
+    NumericalError
+        If every start failed, or the search could not begin.
+    """
+    began = time.perf_counter()
+    inputs, targets, active = check_observations(kernel, x, y)
+    near, own = np.ascontiguousarray(inputs[active]), targets[active]
+    check_sizes(len(own), shard_size=shard_size, communication=communication)
+    steps = restarts + 1 + -(-(len(own) - communication) // shard_size)
+    sample = rng.choice(len(own), size=communication, replace=False)
+    warm = fit(
+        kernel,
+        near[sample],
+        own[sample],
+        rng=rng,
+        bounds=bounds,
+        priors=priors,
+        restarts=restarts,
+        max_iterations=max_iterations,
+        progress=_later(progress, 0, steps),
+    )
+    count = choose_threads(threads, worthwhile=True)
+    parts = partition(
+        warm.process.kernel, near, rng, shard_size=shard_size, communication=communication
+    )
+    chosen = _choose(parts.shards, search_shards, rng)
+    likelihood = _SumOfShards(
+        shards=[(near[rows], own[rows]) for rows in chosen],
+        shard_map=shard_map or _in_threads(count),
+    )
+    search = Search(
+        kernel=kernel,
+        limits=(bounds or Bounds()).log_limits(kernel, DataScale.of(near, own)),
+        priors=priors,
+        max_iterations=max_iterations,
+    )
+    with limit_blas(1):
+        found = search.run(likelihood, _start(warm, search))
+    if found.error is not None:
+        msg = f"the search on {len(chosen)} shards could not begin: {found.message}"
+        raise NumericalError(msg) from found.error
+    if progress is not None:
+        progress(restarts + 1, steps)
+    committee = Committee.condition(
+        kernel.with_log_parameters(found.end[:-1]),
+        float(np.exp(found.end[-1])),
+        near,
+        own,
+        rng=rng,
+        shard_size=shard_size,
+        communication=communication,
+        threads=threads,
+        progress=_later(progress, restarts + 1, steps),
+    )
+    return CommitteeFitResult(
+        committee=committee,
+        log_marginal_likelihood=found.log_marginal_likelihood,
+        converged=found.converged,
+        evaluations=found.evaluations,
+        seconds=time.perf_counter() - began,
+        searched=likelihood.observations,
+        warm_start=warm,
+        parameters_at_bound=search.at_bound(found),
+    )
+
+
+def _in_threads(threads: int) -> ShardMap:
+    return lambda work, tasks: in_threads(work, tasks, threads=threads)
+
+
+def _choose(shards: Sequence[Rows], asked: int | None, rng: np.random.Generator) -> Sequence[Rows]:
+    """Draw the shards to search on."""
+    if asked is None:
+        return shards
+    if asked < 1:
+        msg = f"search_shards must be at least 1, got {asked}; leave it out to search on all"
+        raise InputError(msg)
+    drawn = rng.choice(len(shards), size=min(asked, len(shards)), replace=False)
+    return [shards[i] for i in sorted(drawn)]
+
+
+def _start(warm: FitResult, search: Search) -> FloatArray:
+    """Where the exact fit ended, as far as the limits allow."""
+    logs = np.append(warm.process.kernel.log_parameters, np.log(warm.process.noise_variance))
+    out: FloatArray = np.clip(logs, search.limits[:, 0], search.limits[:, 1])
+    return out
+
+
+def _later(
+    progress: Callable[[int, int], None] | None, before: int, total: int
+) -> Callable[[int, int], None] | None:
+    """Report the steps of a part as steps of the whole."""
+    return None if progress is None else lambda done, _: progress(before + done, total)
