@@ -28,6 +28,7 @@ from benchmarks.gp_peers import (
     ScikitLearn,
     gpytorch_installed,
 )
+from benchmarks.maximal_information import mic_figures
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from exposight.gp import GaussianProcess
 from exposight.gp.threads import limit_blas
@@ -176,7 +177,7 @@ def main() -> None:
             figures += fits(problem, ours, gpy)
         figures += predictions(problems, (3.0, 12.0))
     figures += large()
-    figures += more_data()
+    figures += more_data() + mic_figures()
     publish("Gaussian processes", figures)
 
 
