@@ -226,6 +226,10 @@ def _simulated(
     )
 
 
+def _extent(views: int, captures: int) -> str:
+    return f"{views} view{'s' * (views != 1)}, {captures} captures"
+
+
 def _described(campaign: Campaign, plan: MeasuringPlan) -> str:
     full = _full_plan(campaign.name)
     views, captures = _size(plan)
@@ -281,7 +285,7 @@ def _recorded(
         campaign=campaign,
         sensor=sensor,
         table=table,
-        description=f"{campaign.name}: {views} view{'s' * (views != 1)}, {captures} captures, recorded",
+        description=f"{campaign.name}: {_extent(views, captures)}, recorded",
     )
 
 
