@@ -2,7 +2,6 @@
 
 from exposight.twin.active_stereo import DotSensor
 from exposight.twin.alignment import AlignmentErrors
-from exposight.twin.door import door
 from exposight.twin.exposure import CameraElectronics
 from exposight.twin.light import LightModel
 from exposight.twin.plan import DepthPlane, MeasuringPlan, RandomPositions
@@ -36,7 +35,6 @@ __all__ = [
     "Scene",
     "SceneTracer",
     "StripeSensor",
-    "door",
     "export_scene",
     "plan_preset",
     "read_plan",
