@@ -30,9 +30,13 @@ _TINT = {"bare": 0.80, "primer": 0.92, "paint": 0.52, "brushed": 0.70}
 _GROUPS = (
     ("f1–f4: training", ACCENT, ("f1", "f2", "f3", "f4")),
     ("f5–f9: more training", ACCENT_3, ("f5", "f6", "f7", "f8", "f9")),
-    ("test: never seen in training", ACCENT_2, ("f1_test", "f2_test", "f3_test", "f4_test")),
     (
-        "f1–f5: outside, three finishes",
+        "f1_test–f4_test: never seen in training",
+        ACCENT_2,
+        ("f1_test", "f2_test", "f3_test", "f4_test"),
+    ),
+    (
+        "f1_out–f5_out: outside, three finishes",
         "#a0478a",
         ("f1_out", "f2_out", "f3_out", "f4_out", "f5_out"),
     ),
@@ -97,7 +101,7 @@ def _label(axes: Axes, feature: Feature, side: _Side, colour: str) -> None:
     radius = feature.radius_mm
     axes.add_patch(Circle((x, y), radius + 4.0, fill=False, edgecolor=colour, linewidth=1.8))
     axes.annotate(
-        feature.name.removesuffix("_test").removesuffix("_out"),
+        feature.name,
         (x + (radius + 4.0) * 0.71, y - (radius + 4.0) * 0.71),
         xytext=(2, 2),
         textcoords="offset points",

@@ -81,3 +81,11 @@ def test_a_yaml_file_of_something_else_is_no_plan(tmp_path, run_json):
     path = tmp_path / "other.yaml"
     path.write_text("gain: 3\n", encoding="utf-8")
     assert run_json("info", path)["kind"] == "OpenCV file"
+
+
+def test_it_is_said_whether_the_door_can_be_measured(yaml_plan, run_json):
+    assert run_json("info", "small")["facts"]["built-in_door"] == "8 views see features"
+    yaml_plan.write_text(YAML.replace("[f1, f2]", "[f1, f99]"), encoding="utf-8")
+    told = run_json("info", yaml_plan)["facts"]["built-in_door"]
+    assert told.startswith("cannot be measured by this plan")
+    assert "has no feature 'f99'" in told

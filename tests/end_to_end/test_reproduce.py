@@ -116,7 +116,7 @@ def test_a_missing_folder_of_campaigns(run, tmp_path):
 def test_a_folder_without_the_campaign_that_must_be_there(run, tmp_path):
     (tmp_path / "empty").mkdir()
     message = failure(run, "-o", tmp_path / "out", "--campaigns", tmp_path / "empty")
-    assert "expected a campaign folder inside or a table inside.parquet or .csv" in message
+    assert "expected a campaign folder 'inside' or a table 'inside.parquet' or .csv" in message
 
 
 def test_an_unknown_sensor(run, tmp_path):

@@ -102,6 +102,15 @@ def test_a_plan_becomes_a_campaign(simulated):
     assert {key: told[key] for key in expected} == expected
 
 
+def test_info_says_what_is_simulated(simulated, scene, run_json):
+    folder, _ = simulated
+    campaign = run_json("info", folder)["facts"]
+    assert (campaign["simulated"], campaign["with_a_cloud"]) == (True, 4)
+    exported = run_json("info", scene)
+    assert exported["kind"] == "scene of the simulated cell"
+    assert exported["facts"]["features"] == ["spot", "aside"]
+
+
 def test_the_campaign_is_observed_like_a_recorded_one(simulated, run_json, tmp_path):
     folder, _ = simulated
     told = run_json("observe", folder, "-o", tmp_path / "o.csv")

@@ -149,7 +149,7 @@ def test_a_missing_required_campaign_is_named(tmp_path: Path, there: list[str] |
         for name in there:
             (folder / name).touch()
     found = ", ".join(there) if there else "nothing"
-    with pytest.raises(MissingFileError, match=f"campaign folder inside .* found {found}"):
+    with pytest.raises(MissingFileError, match=f"campaign folder 'inside' .* found {found}"):
         collect(INSIDE, tmp_path, StudySettings(campaigns=folder), silent)
 
 

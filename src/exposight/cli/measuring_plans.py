@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exposight.cell import sensor_preset
 from exposight.cli.facts import Recognised, fact
 from exposight.cli.output import count, number, print_json, print_table
 from exposight.errors import InputError
+from exposight.twin.door import door_part
 from exposight.twin.plan import DepthPlane
 from exposight.twin.plan_file import PLAN_FORMAT, PLAN_SUFFIXES, read_plan
 from exposight.twin.plan_presets import PLANS
+from exposight.twin.planned_views import views
 
 if TYPE_CHECKING:
     from exposight.twin.plan import MeasuringPlan
@@ -83,8 +86,18 @@ def recognise_plan(plan: MeasuringPlan, remark: str = "") -> Recognised:
             ),
             fact("captures", captures, at_most + count(captures)),
             fact("seed", plan.seed),
+            fact("built-in door", _on_the_door(plan)),
         ),
     )
+
+
+def _on_the_door(plan: MeasuringPlan) -> str:
+    """Say whether the plan can be carried out on the part that is built in."""
+    try:
+        planned = views(plan, door_part(), sensor_preset(plan.sensor))
+    except InputError as error:
+        return f"cannot be measured by this plan: {error}"
+    return f"{count(len(planned))} views see features"
 
 
 def _positions(plan: MeasuringPlan) -> list[int]:

@@ -28,6 +28,8 @@ from exposight.models import MODEL_SUFFIX, is_model_file, load_model
 from exposight.observing import read_observations
 from exposight.twin.plan_file import PLAN_SUFFIXES, read_plan
 from exposight.twin.plan_presets import PLANS
+from exposight.twin.scene_files import MESH_FILE, read_scene
+from exposight.twin.simulation_record import RECORD_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,10 +94,28 @@ def _unknown(path: Path) -> FormatError:
 def _folder(path: Path) -> Recognised:
     if (path / "campaign.json").is_file():
         return _campaign(path)
+    if (path / MESH_FILE).is_file():
+        return _scene(path)
     frames = sorted(own for own in path.iterdir() if own.suffix.lower() in IMAGE_SUFFIXES)
     if not frames:
         raise _unknown(path)
     return recognise_frames(frames)
+
+
+def _scene(path: Path) -> Recognised:
+    scene = read_scene(path)
+    return Recognised(
+        kind="scene of the simulated cell",
+        remark="watertight",
+        facts=(
+            fact("triangles", len(scene.faces), count(len(scene.faces))),
+            fact(
+                "features",
+                [feature.name for feature in scene.part.features],
+                f"{len(scene.part.features)}: {_first_names(scene.part.features)}",
+            ),
+        ),
+    )
 
 
 def _campaign(path: Path) -> Recognised:
@@ -103,12 +123,14 @@ def _campaign(path: Path) -> Recognised:
     keys = campaign.keys()
     views = sorted({key.view for key in keys})
     exposures = sorted({key.exposure_ms for key in keys})
-    emulated = 0
+    emulated = clouds = 0
     with progress_bars() as progress:
         for done, capture in enumerate(campaign.captures(), start=1):  # verifies each, too
             emulated += capture.emulated
+            clouds += capture.cloud is not None
             progress("verifying captures", done, len(campaign))
     shown = ", ".join(f"{exposure_ms:g}" for exposure_ms in exposures)
+    simulated = (path / RECORD_FILE).is_file()
     return Recognised(
         kind="campaign",
         remark="every file verified",
@@ -117,8 +139,10 @@ def _campaign(path: Path) -> Recognised:
             fact("part", campaign.part.name),
             fact("features", len(campaign.part.features)),
             fact("sensor", campaign.sensor.name),
-            fact("captures", len(campaign), f"{len(campaign)}, of which {emulated} emulated"),
+            fact("captures", len(campaign)),
+            fact("with a cloud", clouds),
             fact("emulated", emulated),
+            fact("simulated", simulated, "yes" if simulated else "no"),
             fact("views", views, f"{len(views)}: {', '.join(views[:6])}{' …' * (len(views) > 6)}"),
             fact("exposures ms", exposures, shown or "none yet"),
         ),

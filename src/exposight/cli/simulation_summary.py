@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from exposight.cli.output import count, note, number, percent, print_facts, print_line, print_table
@@ -125,9 +126,9 @@ def print_run(run: SimulationRun, table: ObservationTable | None) -> None:
         note(f"no view sees {', '.join(blind)}")
     if table is None:
         print_line(f"wrote the campaign: {run.output}")
-        following = f"observe {run.output}"
+        following = f"observe {quote(str(run.output))}"
         if not run.settings.clouds:
-            following = f"train {run.output / OBSERVATIONS_FILE}"
+            following = f"train {quote(str(run.output / OBSERVATIONS_FILE))}"
         print_line(f"next:               exposight {following}")
         return
     print_line("")
@@ -139,7 +140,7 @@ def print_run(run: SimulationRun, table: ObservationTable | None) -> None:
         ),
     )
     print_line(f"wrote the observations: {run.output}")
-    print_line(f"next:                   exposight train {run.output}")
+    print_line(f"next:                   exposight train {quote(str(run.output))}")
 
 
 def _workers(settings: CellSettings) -> str:

@@ -299,8 +299,8 @@ def _recording(campaign: Campaign, campaigns: Path) -> Path | None:
         return None
     there = sorted(entry.name for entry in campaigns.iterdir()) if campaigns.is_dir() else []
     msg = (
-        f"{campaigns}: expected a campaign folder {campaign.name} or a table {campaign.name}"
-        f".parquet or .csv, found {', '.join(there) or 'nothing'}; all names are "
+        f"{campaigns}: expected a campaign folder '{campaign.name}' or a table "
+        f"'{campaign.name}.parquet' or .csv, found {', '.join(there) or 'nothing'}; all names are "
         f"{', '.join(own.name for own in CAMPAIGNS)}"
     )
     raise MissingFileError(msg)

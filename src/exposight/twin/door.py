@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["CACHE_VARIABLE", "build_door", "cache_folder", "door"]
+__all__ = ["CACHE_VARIABLE", "build_door", "cache_folder", "door", "door_part"]
 
 logger = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ def build_door(progress: Callable[[int, int], None] | None = None) -> Scene:
     bare = np.uint8(FINISHES.index("bare"))
     finish = np.where(mesh.outer, zone_finish[np.searchsorted(borders, x_mm, side="right")], bare)
     return check_scene(
-        Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=_part())
+        Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=door_part())
     )
 
 
@@ -104,7 +104,8 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exposight"
 
 
-def _part() -> Part:
+def door_part() -> Part:
+    """Return the door with its 35 features; no mesh is needed for it."""
     return Part(name="door", features=tuple(map(DOOR.feature, DOOR.holes)))
 
 
@@ -135,7 +136,7 @@ def _read(path: Path, fingerprint: str) -> Scene | None:
     if checksum != _checksum(fingerprint, arrays):
         logger.warning("the cached door %s is damaged; it is built again", path)
         return None
-    return Scene(**arrays, part=_part())
+    return Scene(**arrays, part=door_part())
 
 
 def _write(path: Path, fingerprint: str, scene: Scene) -> None:
