@@ -86,10 +86,15 @@ def test_the_papers_own_figures_stand_beside() -> None:
     assert finding.paper_figure == pytest.approx(18.44 / 10.49)
 
 
-@pytest.mark.parametrize("entry", judge([], NOTHING, SENSOR_KINDS, simulated=False))
+WITH_FIGURE = [
+    entry
+    for entry in judge([], NOTHING, SENSOR_KINDS, simulated=False)
+    if entry.paper_figure is not None  # the paper prints none for the others
+]
+
+
+@pytest.mark.parametrize("entry", WITH_FIGURE)
 def test_every_statement_is_true_of_the_papers_own_figures(entry: Finding) -> None:
-    if entry.paper_figure is None:
-        pytest.skip("the paper prints no figure for this one")
     higher = entry.paper_figure >= entry.threshold
     lower = entry.paper_figure <= entry.threshold
     assert higher if entry.comparison == "≥" else lower

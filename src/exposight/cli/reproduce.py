@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -24,14 +23,13 @@ from exposight.errors import FileError, MissingFileError
 from exposight.paper.result import SENSOR_KINDS, SensorKind, StudySettings
 from exposight.paper.study import run_study
 from exposight.report.study import write_study
+from exposight.twin.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.paper.result import ScoreRow, StudyResult
     from exposight.report.study import StudyFiles
 
-_MOST_WORKERS = 8
-"""More have to be asked for: each may take a gigabyte of memory."""
-_CORES = min(os.cpu_count() or 1, _MOST_WORKERS)
+_CORES = usual_workers()
 _DEFAULTS = StudySettings()
 
 _SHOWN = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from functools import partial
 from pathlib import Path
@@ -30,6 +29,7 @@ from exposight.twin.simulated_cell import (
 )
 from exposight.twin.view_captures import OBSERVATIONS_FILE
 from exposight.twin.view_tables import count_views, views_folder
+from exposight.twin.workers import usual_workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,17 +37,7 @@ if TYPE_CHECKING:
     from exposight.observing import ObservationTable
     from exposight.twin.plan import MeasuringPlan
 
-_MOST_WORKERS = 8
-"""More have to be asked for: each may take a gigabyte of memory."""
-
-
-def _cores() -> int:
-    """Return how many processes work at the same time unless told otherwise."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return min(usable or 1, _MOST_WORKERS)
-
-
-_CORES = _cores()
+_CORES = usual_workers()
 
 _Plan = Annotated[
     str | None,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from exposight.errors import InputError
 from exposight.models import MODELS
+from exposight.twin.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
@@ -40,7 +40,7 @@ class DemoSettings:
     seed: int = 1
     restarts: int = 3
     models: tuple[ModelSpecification, ...] = MODELS
-    workers: int = max(1, os.cpu_count() or 1)
+    workers: int = usual_workers()
 
     def __post_init__(self) -> None:
         if min(self.restarts, self.workers, len(self.models)) < 1:

@@ -21,13 +21,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
     from multiprocessing.connection import Connection
 
-__all__ = ["LocalProcesses", "Workers"]
+__all__ = ["LocalProcesses", "Workers", "usual_workers"]
+
+_MOST_WORKERS = 8
+"""More have to be asked for: each may take a gigabyte of memory."""
 
 _WAKE_S = 0.2
 """Ctrl-C does not everywhere wake a thread that waits for others, so this one wakes by itself."""
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
+
+
+def usual_workers() -> int:
+    """Return how many processes work at the same time unless told otherwise: one a core."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return min(usable or 1, _MOST_WORKERS)
 
 
 class Workers(Protocol):
