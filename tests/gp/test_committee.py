@@ -178,7 +178,7 @@ def test_a_repeated_observation_is_given_jitter():
 
 
 def test_a_shard_without_factor_names_cause_and_remedy(monkeypatch):
-    monkeypatch.setattr("exposight.gp.committee.factor_lower", lambda matrix: False)
+    monkeypatch.setattr("exposight.gp.experts.factor_with_jitter", lambda matrix, fill: None)
     with pytest.raises(
         NotPositiveDefiniteError, match=r"a shard of 100 observations.*Raise the noise variance"
     ):

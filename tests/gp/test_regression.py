@@ -12,6 +12,7 @@ from exposight.gp import (
     SquaredExponential,
     regression,
 )
+from exposight.gp.threads import limit_blas
 
 # Cholesky factorisations of a few dozen rows, well conditioned.
 ROUNDING = 1e-10
@@ -48,6 +49,16 @@ def test_noise_adds_to_the_variance_of_a_new_observation(observations):
     function, observed = process.predict(x), process.predict(x, include_noise=True)
     np.testing.assert_allclose(observed.std**2, function.std**2 + 0.04, rtol=ROUNDING)
     np.testing.assert_array_equal(observed.mean, function.mean)
+
+
+def test_threads_of_linear_algebra_change_nothing():
+    x = np.random.default_rng(0).uniform(size=(600, 2))
+    stds = []
+    for count in (1, 2):
+        with limit_blas(count):
+            process = GaussianProcess.condition(GATED, 0.01, x, x[:, 0])
+            stds.append(process.predict(x).std)
+    np.testing.assert_array_equal(*stds)
 
 
 def test_far_away_the_prior_returns():

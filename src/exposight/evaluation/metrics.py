@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from exposight.errors import InputError, ObservationError
+from exposight.evaluation.arguments import FloatArray, check_vector
 
 __all__ = [
     "Calibration",
@@ -21,8 +21,6 @@ __all__ = [
     "rmse",
     "score",
 ]
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,26 +286,10 @@ def score(
     )
 
 
-def _check_vector(values: ArrayLike, name: str) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        msg = f"{name} must be an array of numbers, got {values!r}"
-        raise ObservationError(msg) from error
-    if array.ndim != 1 or len(array) == 0:
-        msg = f"{name} must be a vector of at least one number, got shape {array.shape}"
-        raise ObservationError(msg)
-    if not np.isfinite(array).all():
-        row = int(np.flatnonzero(~np.isfinite(array))[0])
-        msg = f"{name} must be finite, got {array[row]} in row {row}; leave these rows out first"
-        raise ObservationError(msg)
-    return array
-
-
 def _check_pair(
     observed: ArrayLike, predicted: ArrayLike, name: str
 ) -> tuple[FloatArray, FloatArray]:
-    y, prediction = _check_vector(observed, "observed"), _check_vector(predicted, name)
+    y, prediction = check_vector(observed, "observed"), check_vector(predicted, name)
     if y.shape != prediction.shape:
         msg = f"{name} must match the {len(y)} observations, got {len(prediction)}"
         raise ObservationError(msg)

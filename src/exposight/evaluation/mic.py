@@ -30,11 +30,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import xlogy
 
 from exposight.errors import InputError, ObservationError
+from exposight.evaluation.arguments import FloatArray, as_floats, check_vector
 
 __all__ = ["characteristic_matrix", "maximal_information_coefficient", "maximal_information_matrix"]
 
 Estimator: TypeAlias = Literal["approx", "e"]
-FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 
 _FEWEST = 4
@@ -118,7 +118,7 @@ def maximal_information_matrix(
     InputError
         If a setting is out of its range.
     """
-    values = _numbers(table, "table")
+    values = as_floats(table, "table")
     if values.ndim != 2 or values.shape[1] == 0:
         msg = f"expected a table (n, d) with a variable a column, got shape {values.shape}"
         raise ObservationError(msg)
@@ -202,23 +202,8 @@ class _Sorted:
     starts: IntArray  # (g + 1,) places in that order where a new value begins, and n
 
 
-def _numbers(values: ArrayLike, name: str) -> FloatArray:
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        msg = f"{name} must be an array of numbers, got {values!r}"
-        raise ObservationError(msg) from error
-
-
 def _sort(values: ArrayLike, name: str) -> _Sorted:
-    array = _numbers(values, name)
-    if array.ndim != 1 or len(array) < _FEWEST:
-        msg = f"{name} must be a vector of at least {_FEWEST} numbers, got shape {array.shape}"
-        raise ObservationError(msg)
-    if not np.isfinite(array).all():
-        row = int(np.flatnonzero(~np.isfinite(array))[0])
-        msg = f"{name} must be finite, got {array[row]} in row {row}; leave these rows out first"
-        raise ObservationError(msg)
+    array = check_vector(values, name, fewest=_FEWEST)
     order = np.argsort(array, kind="stable")
     ascending = array[order]
     changes = np.flatnonzero(ascending[1:] != ascending[:-1]) + 1

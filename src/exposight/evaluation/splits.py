@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exposight.errors import InputError, ObservationError
+from exposight.evaluation.arguments import FloatArray, as_floats
 
 __all__ = ["Split", "inside_box", "random_split", "split_by_group"]
 
@@ -141,12 +142,8 @@ def _train_size(n: int, share: float, what: str) -> int:
     return size
 
 
-def _check_matrix(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        msg = f"{name} must be an array of numbers, got {values!r}"
-        raise ObservationError(msg) from error
+def _check_matrix(values: ArrayLike, name: str) -> FloatArray:
+    array = as_floats(values, name)
     if array.ndim != 2 or not np.isfinite(array).all():
         msg = f"{name} must be a finite matrix (rows, columns), got shape {array.shape}"
         raise ObservationError(msg)

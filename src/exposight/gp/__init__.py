@@ -22,8 +22,9 @@ from exposight.gp.kernels import (
     kernel_from_dict,
     length_scale_from_gpy,
 )
+from exposight.gp.posterior import Prediction
 from exposight.gp.priors import LogNormal
-from exposight.gp.regression import GaussianProcess, Prediction
+from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import StartResult
 
 __all__ = [

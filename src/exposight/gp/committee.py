@@ -11,6 +11,11 @@ five experts) it lost least against the exact process: 3 to 5 % of the RMSE abou
 the robust committee machine and the generalised product of experts lost 8 % and the surest expert
 alone 10 %; and one standard deviation covered the truth as often as the exact process's did, where
 the robust committee machine was far too sure and the product of experts too little.
+
+Every expert answers for every row. Leaving out those that add nothing would not pay: with length
+scales of a tenth of the box, twenty experts and three to six columns, 0.2 to 58 % of the answers,
+by kernel, matter less than 1e-10; and which ones is not seen from the covariances of row and shard
+alone, for the communication set links them: knowing takes half the time of an answer.
 """
 
 from collections.abc import Callable
@@ -18,18 +23,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import blas
 
-from exposight.errors import NotPositiveDefiniteError
 from exposight.gp.arguments import check_noise_variance, check_observations
-from exposight.gp.factor import JITTERS, Factor, factorise
-from exposight.gp.kernels import Kernel, tiles
+from exposight.gp.chunks import in_chunks, part_of
+from exposight.gp.experts import CommunicationSet, Expert
+from exposight.gp.kernels import Kernel
 from exposight.gp.observations import FloatArray, check_inputs
-from exposight.gp.regression import Prediction
+from exposight.gp.posterior import Prediction
 from exposight.gp.shards import Rows, partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
-from exposight.gp.triangular import factor_lower
-from exposight.gp.updates import complement
 
 __all__ = ["Committee"]
 
@@ -39,46 +41,6 @@ _CHUNK = 500
 _MANY_PAIRS = 1_000_000
 # A variance counts as at least this share of the prior's, so that precisions stay finite.
 _LEAST_SHARE = 1e-14
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Expert:
-    """One shard of m observations beside the communication set of c.
-
-    The covariance of both is the square of [[L, 0], [Z', C]], L belonging to the communication
-    set, which all experts share.
-    """
-
-    x: FloatArray
-    """(m, D) inputs."""
-    below: FloatArray
-    """(c, m) Z."""
-    corner: FloatArray
-    """(m, m) C, in Fortran's order; what stands above the diagonal is of no use."""
-    surprise: FloatArray
-    """(m,) targets, less what the communication set says, whitened by C."""
-    jitter: float
-
-    def gain(self, kernel: Kernel, x: FloatArray, known: FloatArray) -> FloatArray:
-        """Find what the shard adds: u, with |u|² off the variance and u · surprise on the mean.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Checked inputs.
-        known : (c, n) array
-            L⁻¹ k(communication set, x).
-
-        Returns
-        -------
-        (m, n) array
-            C⁻¹ (k(shard, x) − Z' known).
-        """
-        cross = np.empty((len(x), len(self.x)))
-        tiles.fill(kernel, x, self.x, cross)
-        rest = blas.dgemm(-1.0, self.below, known, beta=1.0, c=cross.T, trans_a=1, overwrite_c=1)
-        out: FloatArray = blas.dtrsm(1.0, self.corner, rest, lower=1, overwrite_b=1)
-        return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,10 +70,8 @@ class Committee:
     observations: int
     columns: int
     jitter: float
-    _x: FloatArray = field(repr=False)
-    _factor: Factor = field(repr=False)
-    _whitened: FloatArray = field(repr=False)
-    _experts: tuple[_Expert, ...] = field(repr=False)
+    _shared: CommunicationSet = field(repr=False)
+    _experts: tuple[Expert, ...] = field(repr=False)
 
     @property
     def experts(self) -> int:
@@ -174,18 +134,14 @@ class Committee:
         inputs, targets, active = check_observations(kernel, x, y)
         inputs, targets = np.ascontiguousarray(inputs[active]), targets[active]
         parts = partition(kernel, inputs, rng, shard_size=shard_size, communication=communication)
-        shared = np.ascontiguousarray(inputs[parts.communication])
         with limit_blas(1):
-            factor = factorise(kernel, noise_variance, shared)
-            whitened = blas.dtrsv(factor.matrix, targets[parts.communication], lower=1)
+            known = parts.communication
+            shared = CommunicationSet.condition(
+                kernel, noise_variance, inputs[known], targets[known]
+            )
 
-            def build(rows: Rows) -> _Expert:
-                own = np.ascontiguousarray(inputs[rows])
-                below, corner = complement(factor, kernel, noise_variance, shared, own)
-                jitter = _factor_with_jitter(corner, noise_variance)
-                rest = targets[rows] - below.T @ whitened
-                surprise = blas.dtrsv(corner, rest, lower=1)
-                return _Expert(x=own, below=below, corner=corner, surprise=surprise, jitter=jitter)
+            def build(rows: Rows) -> Expert:
+                return Expert.condition(shared, kernel, noise_variance, inputs[rows], targets[rows])
 
             count = choose_threads(threads, worthwhile=len(inputs) >= shard_size)
             experts = []
@@ -198,10 +154,8 @@ class Committee:
             noise_variance=float(noise_variance),
             observations=len(inputs),
             columns=inputs.shape[1],
-            jitter=max(factor.jitter, *(own.jitter for own in experts)),
-            _x=shared,
-            _factor=factor,
-            _whitened=whitened,
+            jitter=max(shared.factor.jitter, *(own.jitter for own in experts)),
+            _shared=shared,
             _experts=tuple(experts),
         )
 
@@ -219,15 +173,10 @@ class Committee:
 
         Parameters
         ----------
-        x : (n, D) array
+        x : (m, D) array
             Inputs, columns as in training.
-        include_noise : bool
-            Whether the standard deviation is that of a new observation, or that of the function
-            underneath.
-        threads : int, optional
-            Chosen by the size of the task if left out; the numbers are the same with any.
-        progress : callable, optional
-            Called with (rows done, all rows).
+        include_noise, threads, progress
+            As for `GaussianProcess.predict`.
 
         Returns
         -------
@@ -235,30 +184,25 @@ class Committee:
 
         Raises
         ------
-        ObservationError
-            If the inputs are not a finite matrix with the columns of training.
-        InputError
-            If fewer than one thread is asked for.
+        ObservationError, InputError
+            As for `GaussianProcess.predict`.
         """
         inputs = check_inputs(x, columns=self.columns)
-        mean, variance = np.zeros(len(inputs)), np.zeros(len(inputs))
         # outside the gate nothing is left to predict: mean and variance are 0
         rows = np.flatnonzero(~self.kernel.closed(inputs))
-        chunks = [rows[start : start + _CHUNK] for start in range(0, len(rows), _CHUNK)]
+        mean, variance = np.zeros(len(inputs)), np.zeros(len(inputs))
 
-        def predict_rows(chunk: Rows) -> int:
-            mean[chunk], variance[chunk] = self._mean_and_variance(inputs[chunk])
-            return len(chunk)
+        def predict_rows(chunk: slice) -> None:
+            mean[rows[chunk]], variance[rows[chunk]] = self._mean_and_variance(inputs[rows[chunk]])
 
-        worthwhile = len(rows) * self.observations >= _MANY_PAIRS
-        done = len(inputs) - len(rows)
-        with limit_blas(1):
-            for count in in_threads(
-                predict_rows, chunks, threads=choose_threads(threads, worthwhile=worthwhile)
-            ):
-                done += count
-                if progress is not None:
-                    progress(done, len(inputs))
+        in_chunks(
+            predict_rows,
+            len(rows),
+            chunk=_CHUNK,
+            threads=threads,
+            worthwhile=len(rows) * self.observations >= _MANY_PAIRS,
+            progress=part_of(progress, before=len(inputs) - len(rows), total=len(inputs)),
+        )
         if include_noise:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
@@ -267,10 +211,8 @@ class Committee:
         """Combine the experts at checked inputs inside the gate, each (n,)."""
         prior = self.kernel.prior_variance(x)
         least = _LEAST_SHARE * prior
-        cross = np.empty((len(x), len(self._x)))
-        tiles.fill(self.kernel, x, self._x, cross)
-        known = blas.dtrsm(1.0, self._factor.matrix, cross.T, lower=1, overwrite_b=1)
-        shared_mean = self._whitened @ known
+        known = self._shared.project(self.kernel, x)
+        shared_mean = self._shared.whitened @ known
         shared_variance = np.maximum(prior - np.einsum("ij,ij->j", known, known), least)
         precision = 1.0 / shared_variance
         weighted = shared_mean / shared_variance
@@ -278,29 +220,10 @@ class Committee:
             gain = expert.gain(self.kernel, x, known)
             taken = np.einsum("ij,ij->j", gain, gain)
             variance = np.maximum(shared_variance - taken, least)
-            mean = shared_mean + expert.surprise @ gain
+            mean = shared_mean + expert.whitened @ gain
             # how much the expert learnt from its shard; the first one's weight makes a committee
             # of one exact
             weight = 0.5 * np.log(shared_variance / variance) if number > 0 else 1.0
             precision += weight * (1.0 / variance - 1.0 / shared_variance)
             weighted += weight * (mean / variance - shared_mean / shared_variance)
         return weighted / precision, 1.0 / precision
-
-
-def _factor_with_jitter(corner: FloatArray, noise_variance: float) -> float:
-    """Factorise a Schur complement in place; return what had to be added to its diagonal."""
-    scale = float(corner.diagonal().mean())
-    kept = corner.copy(order="F")
-    for share in JITTERS:
-        np.copyto(corner, kept)
-        np.einsum("ii->i", corner)[:] += share * scale
-        if factor_lower(corner):
-            return share * scale
-    msg = (
-        f"the covariance of a shard of {len(corner)} observations, given those that all experts "
-        f"share, has no Cholesky factor, even with {JITTERS[-1]:g} of its mean variance "
-        f"{scale:g} added to the diagonal: observations nearly repeat each other, and "
-        f"noise_variance={noise_variance:g} does not keep them apart. Raise the noise variance, "
-        "shorten the length scales, or remove repeated observations"
-    )
-    raise NotPositiveDefiniteError(msg)

@@ -11,14 +11,16 @@ from numpy.typing import ArrayLike
 from exposight.errors import InputError, NumericalError
 from exposight.gp.arguments import check_observations
 from exposight.gp.bounds import Bounds, DataScale
+from exposight.gp.chunks import part_of
 from exposight.gp.committee import Committee
 from exposight.gp.fitting import FitResult, fit
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
 from exposight.gp.observations import FloatArray
 from exposight.gp.priors import NO_PRIORS, LogNormal
-from exposight.gp.search import Search
-from exposight.gp.shards import Rows, check_sizes, partition
+from exposight.gp.regression import GaussianProcess
+from exposight.gp.search import Search, StartResult
+from exposight.gp.shards import Rows, count_shards, partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
 __all__ = ["CommitteeFitResult", "ShardMap", "ShardTask", "evaluate_shard", "fit_committee"]
@@ -55,14 +57,13 @@ def evaluate_shard(task: ShardTask) -> tuple[float, FloatArray]:
 
     Returns
     -------
-    likelihood : float
-    gradient : (p + 1,) array
-        With respect to the kernel's `log_parameters`, then the log of the noise variance.
+    likelihood, gradient
+        As `MarginalLikelihood.value_and_gradient` returns them.
 
     Raises
     ------
     NotPositiveDefiniteError
-        If the covariance matrix has no Cholesky factor, even with the largest jitter.
+        As it does.
     """
     everywhere = np.ones(len(task.y), dtype=np.bool_)
     likelihood = MarginalLikelihood(task.x, task.y, active=everywhere, threads=1)
@@ -199,10 +200,11 @@ def fit_committee(
         If every start failed, or the search could not begin.
     """
     began = time.perf_counter()
+    _check_search_shards(search_shards)
     inputs, targets, active = check_observations(kernel, x, y)
     near, own = np.ascontiguousarray(inputs[active]), targets[active]
-    check_sizes(len(own), shard_size=shard_size, communication=communication)
-    steps = restarts + 1 + -(-(len(own) - communication) // shard_size)
+    experts = count_shards(len(own), shard_size=shard_size, communication=communication)
+    steps = restarts + 1 + experts
     sample = rng.choice(len(own), size=communication, replace=False)
     warm = fit(
         kernel,
@@ -213,40 +215,29 @@ def fit_committee(
         priors=priors,
         restarts=restarts,
         max_iterations=max_iterations,
-        progress=_later(progress, 0, steps),
+        progress=part_of(progress, before=0, total=steps),
     )
-    count = choose_threads(threads, worthwhile=True)
     parts = partition(
         warm.process.kernel, near, rng, shard_size=shard_size, communication=communication
     )
-    chosen = _choose(parts.shards, search_shards, rng)
     likelihood = _SumOfShards(
-        shards=[(near[rows], own[rows]) for rows in chosen],
-        shard_map=shard_map or _in_threads(count),
+        shards=[(near[rows], own[rows]) for rows in _choose(parts.shards, search_shards, rng)],
+        shard_map=shard_map or _in_threads(choose_threads(threads, worthwhile=True)),
     )
-    search = Search(
-        kernel=kernel,
-        limits=(bounds or Bounds()).log_limits(kernel, DataScale.of(near, own)),
-        priors=priors,
-        max_iterations=max_iterations,
-    )
-    with limit_blas(1):
-        found = search.run(likelihood, _start(warm, search))
-    if found.error is not None:
-        msg = f"the search on {len(chosen)} shards could not begin: {found.message}"
-        raise NumericalError(msg) from found.error
+    scale = DataScale.of(near, own)
+    search = Search.of(kernel, scale, bounds=bounds, priors=priors, max_iterations=max_iterations)
+    found = _climb(search, likelihood, warm.process)
     if progress is not None:
         progress(restarts + 1, steps)
     committee = Committee.condition(
-        kernel.with_log_parameters(found.end[:-1]),
-        float(np.exp(found.end[-1])),
+        *search.hyperparameters(found.end),
         near,
         own,
         rng=rng,
         shard_size=shard_size,
         communication=communication,
         threads=threads,
-        progress=_later(progress, restarts + 1, steps),
+        progress=part_of(progress, before=restarts + 1, total=steps),
     )
     return CommitteeFitResult(
         committee=committee,
@@ -264,26 +255,27 @@ def _in_threads(threads: int) -> ShardMap:
     return lambda work, tasks: in_threads(work, tasks, threads=threads)
 
 
+def _check_search_shards(asked: int | None) -> None:
+    if asked is not None and asked < 1:
+        msg = f"search_shards must be at least 1, got {asked}; leave it out to search on all"
+        raise InputError(msg)
+
+
 def _choose(shards: Sequence[Rows], asked: int | None, rng: np.random.Generator) -> Sequence[Rows]:
     """Draw the shards to search on."""
     if asked is None:
         return shards
-    if asked < 1:
-        msg = f"search_shards must be at least 1, got {asked}; leave it out to search on all"
-        raise InputError(msg)
     drawn = rng.choice(len(shards), size=min(asked, len(shards)), replace=False)
     return [shards[i] for i in sorted(drawn)]
 
 
-def _start(warm: FitResult, search: Search) -> FloatArray:
-    """Where the exact fit ended, as far as the limits allow."""
-    logs = np.append(warm.process.kernel.log_parameters, np.log(warm.process.noise_variance))
-    out: FloatArray = np.clip(logs, search.limits[:, 0], search.limits[:, 1])
-    return out
-
-
-def _later(
-    progress: Callable[[int, int], None] | None, before: int, total: int
-) -> Callable[[int, int], None] | None:
-    """Report the steps of a part as steps of the whole."""
-    return None if progress is None else lambda done, _: progress(before + done, total)
+def _climb(search: Search, likelihood: _SumOfShards, warm: GaussianProcess) -> StartResult:
+    """Search from where the exact fit ended, as far as the limits allow."""
+    start = np.append(warm.kernel.log_parameters, np.log(warm.noise_variance))
+    with limit_blas(1):
+        found = search.run(likelihood, search.clip(start))
+    if found.error is not None:
+        count = len(likelihood.shards)
+        msg = f"the search on {count} shards could not begin: {found.message}"
+        raise NumericalError(msg) from found.error
+    return found

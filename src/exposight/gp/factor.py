@@ -1,6 +1,7 @@
 """The Cholesky factor of a covariance matrix, in the memory of the matrix."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +14,7 @@ from exposight.gp.observations import FloatArray
 from exposight.gp.threads import in_threads
 from exposight.gp.triangular import factor_lower, invert_lower
 
-__all__ = ["JITTERS", "Factor", "factorise"]
+__all__ = ["JITTERS", "Factor", "factor_with_jitter", "factorise"]
 
 # Added to the diagonal, in shares of its mean, one after the other until the factor exists. The
 # last keeps a prediction's standard deviation right to a thousandth of the prior's.
@@ -128,23 +129,53 @@ def factorise(
         If there is no factor, even with the largest jitter; the message names the cause.
     """
     matrix = np.empty((len(x), len(x))) if buffer is None else buffer
-    diagonal = np.einsum("ii->i", matrix)
-    for share in JITTERS:
-        # C order's upper triangle is the lower one in LAPACK's
+
+    def fill() -> None:
         for _ in in_threads(
             lambda rows: tiles.fill_triangle(kernel, x, rows, matrix),
             tiles.row_blocks(len(x)),
             threads=threads,
         ):
             pass
+
+    # C order's upper triangle is the lower one in LAPACK's
+    jitter = factor_with_jitter(matrix.T, fill, noise_variance=noise_variance)
+    if jitter is None:
+        raise NotPositiveDefiniteError(_why(kernel, noise_variance, x))
+    return Factor(matrix=matrix.T, jitter=jitter)
+
+
+def factor_with_jitter(
+    matrix: FloatArray, fill: Callable[[], None], *, noise_variance: float = 0.0
+) -> float | None:
+    """Factorise a covariance in place, with the least of `JITTERS` that allows it.
+
+    Parameters
+    ----------
+    matrix : (n, n) array
+        In Fortran's order; its lower triangle becomes the factor's.
+    fill : callable
+        Writes the covariance into the lower triangle; called before each try.
+    noise_variance : float
+        Added to the diagonal, in squared units of the target.
+
+    Returns
+    -------
+    float or None
+        What was added to the diagonal beside the noise, in squared units of the target; None
+        where there is no factor.
+    """
+    diagonal = np.einsum("ii->i", matrix)
+    for share in JITTERS:
+        fill()
         scale = float(diagonal.mean())
         if not math.isfinite(scale):
-            break
+            return None
         jitter = share * scale
         diagonal += noise_variance + jitter
-        if factor_lower(matrix.T):
-            return Factor(matrix=matrix.T, jitter=jitter)
-    raise NotPositiveDefiniteError(_why(kernel, noise_variance, x))
+        if factor_lower(matrix):
+            return jitter
+    return None
 
 
 def _why(kernel: Kernel, noise_variance: float, x: FloatArray) -> str:

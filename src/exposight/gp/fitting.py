@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,8 +14,8 @@ from exposight.gp.arguments import check_noise_variance, check_observations
 from exposight.gp.bounds import Bounds, DataScale, starting_values
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
-from exposight.gp.observations import BoolArray, check_learnable
-from exposight.gp.priors import NO_PRIORS, LogNormal, check_priors
+from exposight.gp.observations import BoolArray, FloatArray, check_learnable
+from exposight.gp.priors import NO_PRIORS, LogNormal
 from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import Search, StartResult
 
@@ -156,33 +156,24 @@ def fit(
     inputs, targets, active = check_observations(kernel, x, y)
     check_learnable(inputs, targets, dims=kernel.columns)
     scale = DataScale.of(inputs[active], targets[active])
-    limits = (bounds or Bounds()).log_limits(kernel, scale)
-    values = starting_values(kernel, scale) if first_start == "data" else kernel.log_parameters
-    first = np.append(values, np.log(noise_variance or _NOISE_SHARE * scale.target))
-    shifts = _START_SPREAD * rng.standard_normal((restarts - 1, len(first)))
-    starts = [np.clip(start, limits[:, 0], limits[:, 1]) for start in (first, *(first + shifts))]
-    search = Search(kernel=kernel, limits=limits, priors=priors, max_iterations=max_iterations)
-    check_priors(priors, search.names)
+    search = Search.of(kernel, scale, bounds=bounds, priors=priors, max_iterations=max_iterations)
+    first = _first_start(kernel, scale, first_start, noise_variance)
+    starts = _vary(first, search, restarts, rng)
     report = _Reporter(total=restarts + warm_start, progress=progress)
 
     warm: list[StartResult] = []
     if warm_start:
         part = _third(active, rng)
-        likelihood = MarginalLikelihood(inputs[part], targets[part], active=active[part])
-        warm = [report(search.run(likelihood, start)) for start in starts]
+        warm = report.run(
+            search, starts, MarginalLikelihood(inputs[part], targets[part], active=active[part])
+        )
         starts = [_best(warm).end]
-    likelihood = MarginalLikelihood(inputs, targets, active=active, threads=threads)
-    results = [report(search.run(likelihood, start)) for start in starts]
-    del likelihood  # its N × N buffer, before the process takes one of its own
-
-    best = _best(results)
-    if best.error is not None:
-        reasons = "; ".join(sorted({result.message for result in results}))
-        msg = f"every one of {restarts} starts failed: {reasons}"
-        raise NumericalError(msg) from best.error
-    process = GaussianProcess.condition(
-        kernel.with_log_parameters(best.end[:-1]), float(np.exp(best.end[-1])), inputs, targets
+    # the likelihood's N × N buffer is gone before the process takes one of its own
+    results = report.run(
+        search, starts, MarginalLikelihood(inputs, targets, active=active, threads=threads)
     )
+    best = _best_that_ended(results, restarts)
+    process = GaussianProcess.condition(*search.hyperparameters(best.end), inputs, targets)
     return FitResult(
         process=process,
         log_marginal_likelihood=process.log_marginal_likelihood,
@@ -203,7 +194,13 @@ class _Reporter:
     progress: Callable[[int, int], None] | None
     done: int = 0
 
-    def __call__(self, result: StartResult) -> StartResult:
+    def run(
+        self, search: Search, starts: Sequence[FloatArray], likelihood: MarginalLikelihood
+    ) -> list[StartResult]:
+        """Search from all starts."""
+        return [self._told(search.run(likelihood, start)) for start in starts]
+
+    def _told(self, result: StartResult) -> StartResult:
         """Pass a start's result through."""
         self.done += 1
         _logger.info("start %d of %d: %s", self.done, self.total, result.message)
@@ -223,6 +220,22 @@ def _check_arguments(restarts: int, first_start: str, noise_variance: float | No
         check_noise_variance(noise_variance)
 
 
+def _first_start(
+    kernel: Kernel, scale: DataScale, first_start: str, noise_variance: float | None
+) -> FloatArray:
+    """Where the first start begins: logarithms of the hyperparameters, then of the noise."""
+    values = starting_values(kernel, scale) if first_start == "data" else kernel.log_parameters
+    return np.append(values, np.log(noise_variance or _NOISE_SHARE * scale.target))
+
+
+def _vary(
+    first: FloatArray, search: Search, restarts: int, rng: np.random.Generator
+) -> list[FloatArray]:
+    """Draw the other starts about the first one; all keep to the limits."""
+    shifts = _START_SPREAD * rng.standard_normal((restarts - 1, len(first)))
+    return [search.clip(start) for start in (first, *(first + shifts))]
+
+
 def _third(active: BoolArray, rng: np.random.Generator) -> BoolArray:
     """Draw a third of the rows that the kernel's gate lets in."""
     rows = np.flatnonzero(active)
@@ -239,3 +252,13 @@ def _third(active: BoolArray, rng: np.random.Generator) -> BoolArray:
 
 def _best(results: list[StartResult]) -> StartResult:
     return max(results, key=lambda result: result.log_posterior)
+
+
+def _best_that_ended(results: list[StartResult], restarts: int) -> StartResult:
+    """Take the best, unless all starts failed."""
+    best = _best(results)
+    if best.error is not None:
+        reasons = "; ".join(sorted({result.message for result in results}))
+        msg = f"every one of {restarts} starts failed: {reasons}"
+        raise NumericalError(msg) from best.error
+    return best

@@ -7,51 +7,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.gp.arguments import check_noise_variance, check_observations, check_rows
+from exposight.gp.chunks import in_chunks
 from exposight.gp.factor import Factor, factorise
-from exposight.gp.kernels import Kernel, tiles
-from exposight.gp.likelihood import (
-    MarginalLikelihood,
-    log_likelihood,
-    white_noise_log_likelihood,
-)
+from exposight.gp.kernels import Kernel
+from exposight.gp.likelihood import MarginalLikelihood, white_noise_log_likelihood
 from exposight.gp.observations import FloatArray, check_inputs, check_targets
-from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.gp.posterior import Posterior, Prediction
+from exposight.gp.threads import limit_blas
 from exposight.gp.updates import append_rows, remove_rows
 
-__all__ = ["GaussianProcess", "Prediction"]
+__all__ = ["GaussianProcess"]
 
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
 _CHUNK = 2000
 # Pairs of rows and observations from which on a prediction takes long enough to share it.
 _MANY_PAIRS = 10_000_000
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
-    """What a Gaussian process predicts.
-
-    Attributes
-    ----------
-    mean : (m,) array
-        In the unit of the targets.
-    std : (m,) array
-        Standard deviation, in the unit of the targets.
-    """
-
-    mean: FloatArray
-    std: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Posterior:
-    """What conditioning leaves behind, for the n' observations that the kernel's gate lets in."""
-
-    x: FloatArray
-    """(n', D) inputs."""
-    factor: Factor
-    """Of their covariance."""
-    weights: FloatArray
-    """(n',) K⁻¹ y."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +51,7 @@ class GaussianProcess:
     y: FloatArray = field(repr=False)
     log_marginal_likelihood: float
     jitter: float
-    _posterior: _Posterior = field(repr=False)
+    _posterior: Posterior = field(repr=False)
 
     @classmethod
     def condition(
@@ -135,20 +105,16 @@ class GaussianProcess:
     ) -> "GaussianProcess":
         """Condition on checked observations whose covariance has been factorised."""
         active = ~kernel.closed(x)
-        with limit_blas(1):
-            weights = factor.solve(y[active])
-        likelihood = log_likelihood(factor, weights, y[active])
+        posterior = Posterior.of(factor, kernel, x[active], y[active])
         return cls(
             kernel=kernel,
             noise_variance=noise_variance,
             x=_read_only(x),
             y=_read_only(y),
-            log_marginal_likelihood=likelihood
+            log_marginal_likelihood=posterior.log_marginal_likelihood
             + white_noise_log_likelihood(y[~active], noise_variance),
             jitter=factor.jitter,
-            _posterior=_Posterior(
-                x=np.ascontiguousarray(x[active]), factor=factor, weights=weights
-            ),
+            _posterior=posterior,
         )
 
     def with_observations(self, x: ArrayLike, y: ArrayLike) -> "GaussianProcess":
@@ -227,7 +193,7 @@ class GaussianProcess:
         (p + 1,) array
             With respect to the kernel's `log_parameters`, then the log of the noise variance.
         """
-        likelihood = MarginalLikelihood(self.x, self.y, active=~self.kernel.gate(self.x))
+        likelihood = MarginalLikelihood(self.x, self.y, active=~self.kernel.closed(self.x))
         return likelihood.value_and_gradient(self.kernel, self.noise_variance)[1]
 
     def predict(
@@ -265,12 +231,14 @@ class GaussianProcess:
         """
         inputs = check_inputs(x, columns=self.x.shape[1])
         mean, variance = np.empty(len(inputs)), np.empty(len(inputs))
+        posterior = self._posterior
 
         def predict_rows(rows: slice) -> None:
-            mean[rows], variance[rows] = self._mean_and_variance(inputs[rows])
+            mean[rows], variance[rows] = posterior.mean_and_variance(inputs[rows])
 
-        # computed once and before the threads that share it
-        _ = self._posterior.factor.inverse
+        # computed once, on one thread, and before the threads that share it
+        with limit_blas(1):
+            _ = posterior.factor.inverse
         self._in_chunks(predict_rows, len(inputs), threads, progress)
         if include_noise:
             variance += self.noise_variance
@@ -308,7 +276,7 @@ class GaussianProcess:
         mean, posterior = np.empty(len(inputs)), self._posterior
 
         def predict_rows(rows: slice) -> None:
-            mean[rows] = tiles.product(self.kernel, inputs[rows], posterior.x, posterior.weights)
+            mean[rows] = posterior.mean(inputs[rows])
 
         self._in_chunks(predict_rows, len(inputs), threads, progress)
         return mean
@@ -332,18 +300,13 @@ class GaussianProcess:
         ObservationError
             If the inputs are not a finite matrix with the columns of training.
         """
-        inputs = check_inputs(x, columns=self.x.shape[1])
-        cross = self.kernel.value(inputs, self._posterior.x)
-        with limit_blas(1):
-            explained = self._posterior.factor.half_solve(cross.T)
-            out: FloatArray = self.kernel.value(inputs, inputs) - explained.T @ explained
-        return out
+        return self._posterior.covariance(check_inputs(x, columns=self.x.shape[1]))
 
     def leave_one_out(self) -> Prediction:
         """Predict every training target from all the others, in closed form.
 
-        With α = K⁻¹ y the mean is y_i − α_i / K⁻¹_ii and the variance 1 / K⁻¹_ii (Rasmussen and
-        Williams 2006, Eq. 5.12); the hyperparameters are those learnt from all of them.
+        Rasmussen and Williams 2006, Eq. 5.12; the hyperparameters are those learnt from all of
+        them.
 
         Returns
         -------
@@ -351,23 +314,11 @@ class GaussianProcess:
             Of new observations, noise included, shape (n,); 0 and the noise alone where the
             kernel's gate is closed.
         """
-        active = ~self.kernel.gate(self.x)
+        active = ~self.kernel.closed(self.x)
         mean = np.zeros(len(self.y))
         variance = np.full(len(self.y), self.noise_variance)
-        with limit_blas(1):
-            variance[active] = 1.0 / self._posterior.factor.inverse_diagonal()
-        mean[active] = self.y[active] - self._posterior.weights * variance[active]
+        mean[active], variance[active] = self._posterior.leave_one_out()
         return Prediction(mean=mean, std=np.sqrt(variance))
-
-    def _mean_and_variance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and variance of the function at checked inputs, each (m,)."""
-        cross = np.empty((len(x), len(self._posterior.x)))
-        tiles.fill(self.kernel, x, self._posterior.x, cross)
-        mean = cross @ self._posterior.weights
-        explained = self._posterior.factor.half_solve(cross.T).T
-        variance = self.kernel.prior_variance(x) - np.einsum("ij,ij->i", explained, explained)
-        # rounding may leave a variance a hair below zero at a training point
-        return mean, np.maximum(variance, 0.0)
 
     def _in_chunks(
         self,
@@ -378,14 +329,14 @@ class GaussianProcess:
     ) -> None:
         """Call `predict_rows` with chunks of rows, in threads where that is worth it."""
         worthwhile = rows * len(self._posterior.x) >= _MANY_PAIRS
-        chunks = [slice(start, min(start + _CHUNK, rows)) for start in range(0, rows, _CHUNK)]
-        count = choose_threads(threads, worthwhile=worthwhile)
-        # each thread calls linear algebra of its own
-        with limit_blas(1):
-            done = in_threads(predict_rows, chunks, threads=count)
-            for chunk, _ in zip(chunks, done, strict=True):
-                if progress is not None:
-                    progress(chunk.stop, rows)
+        in_chunks(
+            predict_rows,
+            rows,
+            chunk=_CHUNK,
+            threads=threads,
+            worthwhile=worthwhile,
+            progress=progress,
+        )
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from exposight.gp.bounds import DataScale
 from exposight.gp.kernels import Kernel, Quantity
 from exposight.gp.observations import FloatArray
 
-__all__ = ["Partition", "Rows", "check_sizes", "in_length_scales", "partition", "split_by_space"]
+__all__ = ["Partition", "Rows", "count_shards", "in_length_scales", "partition", "split_by_space"]
 
 Rows: TypeAlias = NDArray[np.intp]
 
@@ -59,15 +59,15 @@ def partition(
     InputError
         If a size is below 1, or nothing is left for the experts.
     """
-    check_sizes(len(x), shard_size=shard_size, communication=communication)
+    count = count_shards(len(x), shard_size=shard_size, communication=communication)
     drawn = np.sort(rng.choice(len(x), size=communication, replace=False))
     others = np.delete(np.arange(len(x)), drawn)
-    shards = split_by_space(in_length_scales(kernel, x[others]), -(-len(others) // shard_size))
+    shards = split_by_space(in_length_scales(kernel, x[others]), count)
     return Partition(communication=drawn, shards=tuple(others[rows] for rows in shards))
 
 
-def check_sizes(observations: int, *, shard_size: int, communication: int) -> None:
-    """Check that observations can be shared out to a committee.
+def count_shards(observations: int, *, shard_size: int, communication: int) -> int:
+    """Count the experts of a committee that shares out observations.
 
     Parameters
     ----------
@@ -75,6 +75,10 @@ def check_sizes(observations: int, *, shard_size: int, communication: int) -> No
         Inside the kernel's gate.
     shard_size, communication : int
         As for `partition`.
+
+    Returns
+    -------
+    int
 
     Raises
     ------
@@ -89,6 +93,7 @@ def check_sizes(observations: int, *, shard_size: int, communication: int) -> No
             "no committee: use fit or GaussianProcess.condition"
         )
         raise InputError(msg)
+    return -(-(observations - communication) // shard_size)
 
 
 def in_length_scales(kernel: Kernel, x: FloatArray) -> FloatArray:
