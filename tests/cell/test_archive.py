@@ -391,7 +391,7 @@ def reseal(path, **changes):
         ({"exposure_ms": -1.0}, r"000001: an exposure time must be above 0 ms, got -1\.0 ms"),
         (
             {"exposure_ms": "10"},
-            r"capture\.json: key 'exposure_ms': Input should be a valid number",
+            r"capture\.json: key 'exposure_ms': expected a number, got the text \"10\"",
         ),
         ({"gain": 1}, r"capture\.json: key 'gain' is unknown"),
         ({"bit_depth": 16}, r"000001: an image of 16 bits needs uint16, got uint8"),

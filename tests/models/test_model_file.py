@@ -279,9 +279,9 @@ def other_parameter(fields):
         (lambda fields: fields.pop("noise_variance"), r"key 'noise_variance' is missing"),
         (lambda fields: fields.update(noise_variance=0.0), r"key 'noise_variance'"),
         (lambda fields: fields.update(colour="red"), r"key 'colour' is unknown"),
-        (lambda fields: fields.update(format="exposight campaign"), r'must say "format": "exposig'),
-        (lambda fields: fields.update(version="1"), r"version must be a whole number"),
-        (lambda fields: fields.update(sensor="{}"), r"its sensor must say \"format\""),
+        (lambda fields: fields.update(format="exposight campaign"), r"'format' must be \"exposig"),
+        (lambda fields: fields.update(version="1"), r"'version' must be 1, got \"1\""),
+        (lambda fields: fields.update(sensor="{}"), r"its sensor: key 'format' must be"),
     ],
 )
 def test_a_document_that_makes_no_sense(saved, change, message):

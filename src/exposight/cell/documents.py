@@ -1,17 +1,15 @@
-"""JSON documents with a format name, a version and strict keys, and what is wrong with them."""
+"""JSON documents with a format name, a version and strict keys."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from exposight.cell.document_faults import faults, written
 from exposight.errors import DamagedFileError, FormatError, VersionError
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
 
 __all__ = [
     "StrictDocument",
@@ -62,12 +60,18 @@ def check_header(raw: dict[str, Any], *, format_name: str, newest: int, source: 
     VersionError
         If a newer version of exposight wrote it.
     """
-    if raw.get("format") != format_name:
-        msg = f'{source} must say "format": "{format_name}", got {raw.get("format")!r}'
+    found = raw.get("format")
+    if found != format_name:
+        got = "and it is missing" if found is None else f"got {written(found)}"
+        msg = (
+            f"{source}: key 'format' must be \"{format_name}\", {got}; is it another kind of file?"
+        )
         raise FormatError(msg)
     version = raw.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        msg = f"{source}: the version must be a whole number from 1 to {newest}, got {version!r}"
+        known = "1" if newest == 1 else f"a whole number from 1 to {newest}"
+        got = "and it is missing" if version is None else f"got {written(version)}"
+        msg = f"{source}: key 'version' must be {known}, {got}"
         raise FormatError(msg)
     if version > newest:
         msg = (
@@ -83,24 +87,14 @@ def validate(model: type[_Document], text: str, source: str) -> _Document:
     Raises
     ------
     FormatError
-        If a key is missing or unknown or a value has the wrong type; the message names each key.
+        If a key is missing or unknown or a value has the wrong type; the message names
+        each key as the file has it.
     """
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
-        msg = f"{source}: {'; '.join(map(_fault, error.errors()))}"
+        msg = f"{source}: {faults(error, json.loads(text))}"
         raise FormatError(msg) from error
-
-
-def _fault(details: ErrorDetails) -> str:
-    key = ".".join(map(str, details["loc"]))
-    match details["type"]:
-        case "missing":
-            return f"key {key!r} is missing"
-        case "extra_forbidden":
-            return f"key {key!r} is unknown"
-        case _:
-            return f"key {key!r}: {details['msg']}, got {str(details['input'])[:60]!r}"
 
 
 def sha256_of(data: bytes) -> str:

@@ -31,6 +31,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from exposight.cell.document_faults import faults
 from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.imaging.frames import BitDepth
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
@@ -100,7 +101,12 @@ def read_sequence(path: str | Path) -> PatternSequence:
         msg = f"{path}: no such pattern sequence; expected a TOML file"
         raise MissingFileError(msg)
     try:
-        table = _SequenceTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        msg = f"{path}: not TOML: {error}"
+        raise FormatError(msg) from error
+    try:
+        table = _SequenceTable.model_validate(raw)
         return PatternSequence(
             name=table.name,
             projector_width=table.projector_width,
@@ -112,11 +118,8 @@ def read_sequence(path: str | Path) -> PatternSequence:
             bit_depth=table.bit_depth,
             file_pattern=table.file_pattern,
         )
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        msg = f"{path}: not TOML: {error}"
-        raise FormatError(msg) from error
     except ValidationError as error:
-        msg = f"{path}: not a pattern sequence: {_faults(error)}"
+        msg = f"{path}: not a pattern sequence: {faults(error, raw)}"
         raise FormatError(msg) from error
     except ImageError as error:
         msg = f"{path}: {error}"
@@ -155,16 +158,3 @@ def _toml_keys(coding: GrayCode | Fringe) -> list[str]:
 def _toml_value(value: object) -> str:
     """Return a text, a number or a list of numbers as TOML, which writes them as JSON does."""
     return json.dumps(value, ensure_ascii=False)
-
-
-def _faults(error: ValidationError) -> str:
-    faults = []
-    for fault in error.errors():
-        key = ".".join(map(str, fault["loc"]))
-        if fault["type"] == "extra_forbidden":
-            faults.append(f"unknown key '{key}'")
-        elif fault["type"] == "missing":
-            faults.append(f"key '{key}' is missing")
-        else:
-            faults.append(f"'{key}': {fault['msg']}, got {fault['input']!r}")
-    return "; ".join(faults)
