@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.twin.exposure import CameraElectronics, expose
 from exposight.twin.random_numbers import stream_key
+from exposight.twin.sensors import CameraElectronics, expose
 
 _SIDE_PX = 1024
 _SATURATION_MS = 100.0

@@ -23,18 +23,11 @@ from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from benchmarks.memory import PeakMemory
 from exposight.cell import Capture, Part, sensor_preset
 from exposight.observing import ObservationTable
-from exposight.twin.active_stereo import DotSensor
-from exposight.twin.door import door
-from exposight.twin.exposure import CameraElectronics
-from exposight.twin.plan import DepthPlane, MeasuringPlan
-from exposight.twin.plan_presets import plan_preset
-from exposight.twin.planned_views import PlannedView, views
-from exposight.twin.scene import Scene
-from exposight.twin.scene_files import export_scene
-from exposight.twin.simulated_cell import CellSettings, simulate, simulate_observations
-from exposight.twin.structured_light import StripeSensor
-from exposight.twin.surfaces import FINISHES
-from exposight.twin.tracing import SceneTracer
+from exposight.twin.campaign import CellSettings, simulate, simulate_observations
+from exposight.twin.light import SceneTracer
+from exposight.twin.part import FINISHES, Scene, door, export_scene
+from exposight.twin.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, views
+from exposight.twin.sensors import CameraElectronics, DotSensor, StripeSensor
 
 _WORKERS = 2
 _PLATEAU = (30.0, 110.0)  # grey levels between which p_norm neither rises nor falls

@@ -15,8 +15,8 @@ from picture_of_skull import draw_skull
 from picture_style import set_style
 
 from exposight.errors import MissingFileError
-from exposight.twin.door import door
-from exposight.twin.tracing import SceneTracer
+from exposight.twin.light import SceneTracer
+from exposight.twin.part import door
 
 
 def main() -> None:

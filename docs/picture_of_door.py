@@ -11,16 +11,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from picture_style import ACCENT, ACCENT_2, ACCENT_3, INK, QUIET, save
 
-from exposight.twin.door_shape import OUTSIDE_ZONES
-from exposight.twin.surfaces import FINISHES
-from exposight.twin.tracing import MISS_MM, SceneTracer
+from exposight.twin.light import MISS_MM, SceneTracer
+from exposight.twin.part import FINISHES, OUTSIDE_ZONES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from exposight.cell import Feature
-    from exposight.twin.scene import Scene
+    from exposight.twin.part import Scene
 
 _EXTENT_MM = (-510.0, 510.0, -360.0, 360.0)
 _PX_PER_MM = 2.2  # rays; half as many pixels are drawn, so that edges are smooth

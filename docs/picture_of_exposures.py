@@ -15,11 +15,10 @@ from picture_style import ACCENT, ACCENT_2, save
 from exposight.cell import Part, sensor_preset
 from exposight.geometry import PixelBox
 from exposight.observing import observe_capture, point_search, view_features
-from exposight.twin.plan_presets import plan_preset
-from exposight.twin.planned_views import views
-from exposight.twin.structured_light import StripeSensor
-from exposight.twin.surfaces import FINISHES
-from exposight.twin.tracing import SceneTracer
+from exposight.twin.light import SceneTracer
+from exposight.twin.part import FINISHES
+from exposight.twin.plans import plan_preset, views
+from exposight.twin.sensors import StripeSensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,9 +26,8 @@ if TYPE_CHECKING:
 
     from exposight.cell import Feature
     from exposight.observing import FeatureView
-    from exposight.twin.planned_views import PlannedView
-    from exposight.twin.scene import Scene
-    from exposight.twin.surfaces import Finish
+    from exposight.twin.part import Finish, Scene
+    from exposight.twin.plans import PlannedView
 
 _SHOWN: tuple[Finish, ...] = ("bare", "primer", "paint")
 _TITLES = {"bare": "bare sheet metal", "primer": "primer", "paint": "paint"}

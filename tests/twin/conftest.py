@@ -11,8 +11,7 @@ from scipy.spatial import Delaunay
 from exposight.cell import ActiveSensor, Feature, Part, Projector, sensor_preset
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.twin import CellSettings, DepthPlane, MeasuringPlan, Scene, export_scene, simulate
-from exposight.twin.scene import check_scene
-from exposight.twin.surfaces import FINISHES
+from exposight.twin.part import FINISHES, check_scene
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,11 +22,8 @@ from exposight.errors import InputError
 from exposight.evaluation import RegressionScore, score
 from exposight.models import ModelSpecification, model_named
 from exposight.observing import FeatureView, Visibility, observe_campaign, view_features
-from exposight.twin.plan import DepthPlane, MeasuringPlan
-from exposight.twin.plan_file import logarithmic_exposures
-from exposight.twin.plan_presets import PLANS
-from exposight.twin.planned_views import views
-from exposight.twin.simulated_cell import CellSettings, scene_at, simulate
+from exposight.twin.campaign import CellSettings, scene_at, simulate
+from exposight.twin.plans import PLANS, DepthPlane, MeasuringPlan, logarithmic_exposures, views
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from exposight.twin.door_shape import DOOR
-from exposight.twin.sheet_mesh import MeshSettings, mesh_sheet
+from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,0 +1,134 @@
+"""Observations of finished views, kept beside the table that they will make until it is written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from exposight.cell.writer_lock import hold_writer_lock
+from exposight.durable import sweep_unfinished, write_durably
+from exposight.errors import FileError, FormatError, MissingFileError
+from exposight.observing import ObservationTable, read_observations
+from exposight.twin.campaign.record import keep_record
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from exposight.twin.campaign.settings import CellSettings
+    from exposight.twin.part import Scene
+    from exposight.twin.plans import MeasuringPlan
+
+__all__ = ["ViewTables", "check_table_path", "count_views", "views_folder"]
+
+
+_VIEWS = "[0-9]*.csv"
+
+
+def views_folder(table: Path) -> Path:
+    """Return the folder in which a table's finished views lie while it is not written."""
+    return table.with_name(f"{table.name}.views")
+
+
+def count_views(table: Path) -> int:
+    """Return how many finished views lie beside a table that is not written."""
+    return len(list(views_folder(table).glob(_VIEWS)))
+
+
+def check_table_path(table: Path) -> None:
+    """Find out before hours of work that a table cannot be written.
+
+    Raises
+    ------
+    FormatError
+        If its suffix is neither .csv nor .parquet.
+    MissingFileError
+        If its folder is not there.
+    """
+    if table.suffix.lower() not in {".csv", ".parquet"}:
+        msg = f"{table}: an observation table ends in .csv or .parquet, got '{table.suffix}'"
+        raise FormatError(msg)
+    if not table.parent.is_dir():
+        msg = f"{table}: the folder {table.parent} does not exist; make it first"
+        raise MissingFileError(msg)
+
+
+class ViewTables:
+    """The finished views of a table, on disk; `open_beside` makes one.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @classmethod
+    @contextmanager
+    def open_beside(
+        cls, table: Path, *, plan: MeasuringPlan, scene: Scene, settings: CellSettings
+    ) -> Iterator[ViewTables]:
+        """Open or make the folder beside a table, for one process at a time.
+
+        Raises
+        ------
+        InputError
+            If it holds views of another plan or scene.
+        FileError
+            If another process has it open, a file in it is damaged, or the disk refuses.
+        """
+        folder = views_folder(table)
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            msg = f"the folder {folder} for finished views cannot be made: {error.strerror}"
+            raise FileError(msg) from error
+        lock = hold_writer_lock(folder, "the unfinished table")
+        try:
+            sweep_unfinished(folder)
+            tables = cls(folder)
+            keep_record(
+                folder,
+                plan=plan,
+                scene=scene,
+                settings=settings,
+                n_captures=len(list(folder.glob(_VIEWS))),
+                what="unfinished table",
+            )
+            yield tables
+        finally:
+            if folder.exists() and not list(folder.glob(_VIEWS)):  # nothing to go on with
+                shutil.rmtree(folder, ignore_errors=True)
+            os.close(lock)
+
+    def find(self, number: int) -> ObservationTable | None:
+        """Return the observations of a view, or None where it is not finished.
+
+        Raises
+        ------
+        FileError
+            If its file is damaged.
+        """
+        path = self._path(number)
+        return read_observations(path) if path.exists() else None
+
+    def keep(self, number: int, table: ObservationTable) -> None:
+        """Keep the observations of a finished view.
+
+        Raises
+        ------
+        FileError
+            If the disk is full or refuses. What was kept before stays.
+        """
+        write_durably(self._path(number), table.frame.write_csv().encode())
+
+    def remove(self) -> None:
+        """Remove all of it: the table is written."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"{number:06d}.csv"

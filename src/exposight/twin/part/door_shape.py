@@ -1,0 +1,149 @@
+"""The car door's design: every dimension of the part, in one table.
+
+The paper's door is not public. This one has its character (Sect. 2.1, Fig. 4): inner sheet metal
+with holes of 3–30 mm radius, pockets and beads, and features whose orientations before a sensor of
+constant orientation span what Table 9 lists. Positions are free: the training and test features lie
+within reach of views planned about f1, those measured from outside in a band of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from exposight.twin.part.presses import Bead, Pocket, PressProfile, RingBead, RoundedPolygon
+from exposight.twin.part.sheet_mesh import MeshSettings
+from exposight.twin.part.sheet_shape import Hole, SheetShape
+
+if TYPE_CHECKING:
+    from exposight.twin.part.surfaces import Finish
+
+__all__ = ["DOOR", "DOOR_MESH", "OUTSIDE_ZONES"]
+
+OUTSIDE_ZONES: Final[tuple[tuple[float, Finish], ...]] = (
+    (10.0, "primer"),
+    (245.0, "paint"),
+    (math.inf, "brushed"),
+)
+"""The outer skin's finish up to each x in mm: one zone for each of the paper's three groups of
+outside features (f1 | f2, f3 | f4, f5). The inner skin and all walls are bare."""
+
+_BEAD = PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
+
+
+def _pocket(
+    left: float, right: float, top: float, bottom: float, corner: float, depth: float
+) -> Pocket:
+    return Pocket(
+        floor=RoundedPolygon.rectangle(left, right, top, bottom, corner),
+        profile=PressProfile(depth_mm=depth, bend_mm=4.0, wall_deg=65.0),
+    )
+
+
+def _bead(x0: float, y0: float, x1: float, y1: float) -> Bead:
+    return Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
+
+
+def _inside(name: str, x: float, y: float, radius: float, w: float, p: float) -> Hole:
+    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, orientation_deg=(w, p))
+
+
+def _outside(name: str, x: float, y: float, radius: float, w: float, p: float) -> Hole:
+    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, side="outside", orientation_deg=(w, p))
+
+
+_TRAINING = (  # Table 9, X: w 1…11°, p −3…1°
+    _inside("f1", 20, 0, 8.0, 5.0, -2.0),
+    _inside("f2", 120, -90, 12.0, 9.0, 0.8),
+    _inside("f3", -70, -105, 5.0, 10.8, -2.8),
+    _inside("f4", 95, 85, 20.0, 1.2, -1.2),
+)
+_MORE_TRAINING = (  # Table 9, eX⁺: w 1…11°, p −6…1°
+    _inside("f5", 210, -20, 3.0, 5.8, 0.8),
+    _inside("f6", 225, 90, 30.0, 1.2, -1.5),
+    _inside("f7", -10, -175, 10.0, 10.8, -3.0),
+    _inside("f8", -255, -110, 6.5, 8.0, -5.8),
+    _inside("f9", 15, 160, 15.0, 2.6, -4.2),
+)
+_TEST = (  # Table 9, X test: w −1…5°, p −13…−3°
+    _inside("f1_test", -90, 15, 6.0, 4.8, -3.2),
+    _inside("f2_test", -165, -60, 16.0, 4.2, -7.5),
+    _inside("f3_test", -60, 110, 25.0, 1.4, -5.4),
+    _inside("f4_test", -200, 75, 4.0, -0.8, -12.8),
+)
+_OUTSIDE = (  # Table 9, X out: w −3…4°, p −2…0°; groups f1 | f2, f3 | f4, f5
+    _outside("f1_out", -60, 262, 10.0, -2.8, -1.8),
+    _outside("f2_out", 70, 262, 5.0, 1.6, -1.2),
+    _outside("f3_out", 180, 255, 20.0, 3.8, -0.2),
+    _outside("f4_out", 300, 255, 8.0, 2.4, -0.6),
+    _outside("f5_out", 400, 250, 13.0, 0.6, -0.1),
+)
+_OTHERS = tuple(
+    Hole(name=f"h{number:02d}", x_mm=x, y_mm=y, radius_mm=radius)
+    for number, (x, y, radius) in enumerate(
+        (
+            (-455.0, -90.0, 4.0),
+            (-400.0, -150.0, 10.0),
+            (-340.0, -230.0, 7.0),
+            (-150.0, -268.0, 12.0),  # on the platform
+            (-215.0, -268.0, 5.0),  # on the platform
+            (60.0, -265.0, 30.0),
+            (140.0, -215.0, 3.0),
+            (365.0, -45.0, 16.0),  # in the recess
+            (465.0, -240.0, 6.0),
+            (465.0, 90.0, 9.0),
+            (370.0, 160.0, 9.0),  # on the small platform
+            (-340.0, 170.0, 22.0),  # in the loudspeaker's dish
+            (-380.0, 130.0, 4.0),  # in the loudspeaker's dish
+            (-455.0, 300.0, 8.0),
+            (-250.0, 270.0, 4.0),
+            (450.0, 280.0, 11.0),
+            (-10.0, -265.0, 18.0),
+        ),
+        start=1,
+    )
+)
+
+DOOR: Final = SheetShape(
+    outline=RoundedPolygon(
+        corners_mm=((-500, 350), (-500, -120), (-300, -350), (500, -350), (500, 350)),
+        radius_mm=50.0,
+    ),
+    opening=RoundedPolygon.rectangle(190, 430, -300, -170, 35.0),
+    thickness_mm=1.2,
+    rim_mm=0.4,
+    pad_margin_mm=11.0,  # the ring's 5 mm, and more than 5 mm of smooth sheet round it
+    pad_blend_mm=12.0,
+    # Slopes and radii of curvature for which Table 9's orientations are near the sheet's own.
+    slope_deg=(2.5, 5.0),
+    crown_mm=(3000.0, 2200.0),
+    presses=(
+        _pocket(-415, -265, 95, 245, 70.0, 12.0),  # the loudspeaker's dish
+        _pocket(300, 430, -110, 20, 25.0, 14.0),  # the handle's recess
+        _pocket(-250, -60, -310, -225, 25.0, -9.0),  # a platform for a bracket
+        _pocket(300, 440, 130, 190, 20.0, -8.0),  # a small platform
+        RingBead(centre_mm=(-340, 170), radius_mm=108.0, profile=_BEAD),
+        _bead(-112, -190, -112, -40),
+        _bead(60, -190, 60, -60),
+        _bead(-40, 55, 50, 55),
+        _bead(160, -40, 160, 140),
+        _bead(-420, -60, -230, -10),
+        _bead(-130, 60, -130, 200),
+        _bead(80, 205, 240, 170),
+        _bead(-220, 315, 440, 315),
+    ),
+    holes=_TRAINING + _MORE_TRAINING + _TEST + _OUTSIDE + _OTHERS,
+)
+"""The door: 1.0 m × 0.7 m of 1.2 mm sheet."""
+
+DOOR_MESH: Final = MeshSettings(
+    lattice_mm=2.0,
+    # Radii below 20 mm: a 2 mm edge then leaves the true surface by at most 0.025 mm outside beads
+    # and the walls of pockets.
+    fine_curvature_per_mm=0.05,
+    rim_spacing_mm=0.3,
+    border_spacing_mm=1.5,
+    growth=1.25,
+    arc_steps=3,  # 0.2 mm each
+)
+"""How finely the door is cut into triangles: about 1.2 million."""

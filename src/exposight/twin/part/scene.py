@@ -1,0 +1,190 @@
+"""A scene: a closed mesh, the finish of each triangle, and the features that are measured on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import FeatureError, InputError
+from exposight.twin.part.surfaces import FINISHES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.cell import Feature, Part
+
+__all__ = ["Scene", "check_scene"]
+
+_REACH_MM = 5.0
+"""A feature's ring ends this far beyond its edge, so there must be mesh at least that near."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """What light falls on.
+
+    Parameters
+    ----------
+    vertices : (n, 3) ndarray of float64, mm
+        In the part's frame.
+    faces : (m, 3) ndarray of int32
+        Corners of the triangles, anticlockwise seen from outside the material.
+    face_finish : (m,) ndarray of uint8
+        Index of each triangle's finish in `FINISHES`.
+    part : Part
+        The part and its features.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape, a vertex is not finite, or an index leads nowhere.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    face_finish: NDArray[np.uint8]
+    part: Part
+
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        faces = np.ascontiguousarray(self.faces, dtype=np.int32)
+        finish = np.ascontiguousarray(self.face_finish, dtype=np.uint8)
+        fault = _fault(vertices, faces, finish)
+        if fault:
+            msg = f"the mesh of part {self.part.name!r}: {fault}"
+            raise InputError(msg)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "face_finish", finish)
+
+    @cached_property
+    def _face_crosses(self) -> NDArray[np.float64]:
+        """(m, 3) mm²: outward normals of the triangles, twice as long as their areas."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return np.asarray(np.cross(b - a, c - a))
+
+    def face_normals(self) -> NDArray[np.float64]:
+        """Return the outward unit normals (m, 3) of the triangles; NaN for one without area."""
+        crosses = self._face_crosses
+        lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(crosses / lengths)
+
+    def normals(self) -> NDArray[np.float64]:
+        """Return smooth outward unit normals (n, 3) of the vertices, for shading.
+
+        Mean of the adjoining triangles' normals, each weighted by its angle at the vertex, so that
+        it does not matter into how many triangles a flat part is cut.
+        """
+        return self._vertex_normals
+
+    @cached_property
+    def _vertex_normals(self) -> NDArray[np.float64]:
+        face_normals = np.nan_to_num(self.face_normals())
+        corners = self.vertices[self.faces]
+        total = np.zeros_like(self.vertices)
+        for i in range(3):
+            ahead = corners[:, (i + 1) % 3] - corners[:, i]
+            back = corners[:, (i + 2) % 3] - corners[:, i]
+            sine = np.linalg.norm(self._face_crosses, axis=1)
+            angle = np.arctan2(sine, (ahead * back).sum(axis=1))
+            for axis in range(3):
+                total[:, axis] += np.bincount(
+                    self.faces[:, i], angle * face_normals[:, axis], minlength=len(total)
+                )
+        lengths = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.asarray(total / np.maximum(lengths, np.finfo(np.float64).tiny))
+
+    def volume_mm3(self) -> float:
+        """Return the enclosed volume in mm³ (divergence theorem); above 0 where faces look out."""
+        first = self.vertices[self.faces[:, 0]]
+        return float((first * self._face_crosses).sum() / 6)
+
+
+def _fault(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], finish: NDArray[np.uint8]
+) -> str:
+    for name, array in (("vertices", vertices), ("faces", faces)):
+        if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+            return f"{name} must have the shape (n, 3) with n > 0, got {array.shape}"
+    if not np.isfinite(vertices).all():
+        return "every vertex must be finite, got NaN or infinity; export the mesh again"
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        return (
+            f"faces must number vertices from 0 to {len(vertices) - 1}, got "
+            f"{faces.min()} to {faces.max()}"
+        )
+    if finish.shape != (len(faces),):
+        return f"face_finish needs one entry for each of {len(faces)} faces, got {finish.shape}"
+    if finish.max() >= len(FINISHES):
+        named = ", ".join(f"{i} {name}" for i, name in enumerate(FINISHES))
+        return f"face_finish must be one of {named}, got {finish.max()}"
+    return ""
+
+
+def check_scene(scene: Scene) -> Scene:
+    """Return a scene whose mesh is a closed body with the features on it.
+
+    Parameters
+    ----------
+    scene : Scene
+        To be checked.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not watertight, its triangles do not all look outwards, or one of them has
+        no area.
+    FeatureError
+        If a feature lies away from the mesh.
+    """
+    fault = _open_fault(scene.faces, len(scene.vertices))
+    if not fault and scene.volume_mm3() <= 0:
+        fault = "its triangles look inwards; turn all of them round"
+    if not fault and not scene._face_crosses.any(axis=1).all():
+        index = int(np.flatnonzero(~scene._face_crosses.any(axis=1))[0])
+        fault = f"triangle {index} has no area; merge its corners"
+    if fault:
+        msg = f"the mesh of part {scene.part.name!r}: {fault}"
+        raise InputError(msg)
+    for feature in scene.part.features:
+        _check_on_mesh(scene, feature)
+    return scene
+
+
+def _open_fault(faces: NDArray[np.int32], n_vertices: int) -> str:
+    """Say where a mesh is open: each directed edge must be there once, and its reverse once."""
+    starts = faces.astype(np.int64).ravel()
+    ends = np.roll(faces, -1, axis=1).astype(np.int64).ravel()
+    forth = np.sort(starts * n_vertices + ends)
+    back = np.sort(ends * n_vertices + starts)
+    if np.array_equal(forth, back) and (np.diff(forth) > 0).all():
+        return ""
+    single = np.setdiff1d(forth, back, assume_unique=False)
+    if single.size:
+        start, end = divmod(int(single[0]), n_vertices)
+        return (
+            f"expected a watertight body, got {single.size} open edges, the first between vertices "
+            f"{start} and {end}; close its holes, merge vertices at the same place, and turn all "
+            "triangles outwards"
+        )
+    return "expected a watertight body, got edges with more than two triangles; remove doubled ones"
+
+
+def _check_on_mesh(scene: Scene, feature: Feature) -> None:
+    origin = feature.part_from_feature.translation_mm
+    size = feature.size
+    across = max(size.radius_mm, (size.length_mm or 0.0) / 2, (size.width_mm or 0.0) / 2)
+    reach = across + _REACH_MM
+    offset = scene.vertices - origin
+    distance = float(np.sqrt(np.einsum("ij,ij->i", offset, offset).min()))
+    if distance > reach:
+        msg = (
+            f"feature {feature.name!r} lies {distance:.3g} mm from the nearest vertex of part "
+            f"{scene.part.name!r}, more than its ring's {reach:.3g} mm; check that mesh and "
+            "features have the same frame, and are in mm"
+        )
+        raise FeatureError(msg)

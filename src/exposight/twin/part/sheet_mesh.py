@@ -1,0 +1,275 @@
+"""A closed triangle mesh of a pressed sheet, without a CAD kernel.
+
+In the part's (x, y) plane, points are laid out as a triangular lattice, finer where the sheet
+bends, and as circles round the holes that grow coarser outwards; Delaunay's triangulation joins
+them. The plane is lifted onto the inner skin, offset by the thickness onto the outer skin, and
+every border (outline, opening, holes) is closed by a wall with rounded edges.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import Delaunay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from exposight.twin.part.sheet_shape import Hole, SheetShape
+
+__all__ = ["MeshSettings", "SheetMesh", "mesh_sheet"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSettings:
+    """How finely a sheet is cut into triangles.
+
+    Parameters
+    ----------
+    lattice_mm : float, mm
+        Edge of the triangles on smooth sheet; half of it where the sheet bends.
+    fine_curvature_per_mm : float, 1/mm
+        The sheet counts as bent where its curvature exceeds this.
+    rim_spacing_mm : float, mm
+        Edge of the triangles along a hole's rim.
+    border_spacing_mm : float, mm
+        Edge of the triangles along the outline and the opening.
+    growth : float
+        Each circle of points round a hole is this much coarser than the one inside it.
+    arc_steps : int
+        Edges across the rounded edge of a border.
+    """
+
+    lattice_mm: float
+    fine_curvature_per_mm: float
+    rim_spacing_mm: float
+    border_spacing_mm: float
+    growth: float
+    arc_steps: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SheetMesh:
+    """A closed mesh and which skin each triangle belongs to.
+
+    Parameters
+    ----------
+    vertices : (n, 3) ndarray of float64, mm
+        In the part's frame.
+    faces : (m, 3) ndarray of int32
+        Anticlockwise seen from outside the material.
+    outer : (m,) ndarray of bool
+        Whether the triangle belongs to the outer skin, its rounded edges included.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    outer: NDArray[np.bool_]
+
+
+def mesh_sheet(
+    shape: SheetShape,
+    settings: MeshSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> SheetMesh:
+    """Triangulate a sheet.
+
+    Parameters
+    ----------
+    shape : SheetShape
+        The sheet. Holes must lie several lattice edges apart and away from its borders.
+    settings : MeshSettings
+        How finely.
+    progress : callable, optional
+        Called with (steps done, steps in all).
+
+    Returns
+    -------
+    SheetMesh
+        Watertight; its genus is the number of holes and the opening.
+    """
+    report = progress or (lambda _done, _total: None)
+    loops = [
+        shape.outline.outline(settings.border_spacing_mm),
+        shape.opening.outline(settings.border_spacing_mm)[::-1],
+    ]
+    circles: list[NDArray[np.float64]] = []
+    for hole in shape.holes:
+        rim, *others = _circles(shape, hole, settings)
+        loops.append(rim[::-1])
+        circles.extend(others)
+    report(1, 4)
+    xy = np.concatenate([*loops, *circles, _lattice(shape, settings)])
+    sizes = [len(loop) for loop in loops]
+    report(2, 4)
+    triangles = _triangulate(xy, sizes)
+    report(3, 4)
+    mesh = _close(shape, xy, triangles, sizes, settings.arc_steps)
+    report(4, 4)
+    return mesh
+
+
+def _circle_sizes(
+    shape: SheetShape, hole: Hole, settings: MeshSettings
+) -> list[tuple[float, float]]:
+    """Return the circles round a hole: radius and spacing of the points, mm, inside out."""
+    radius, spacing = hole.radius_mm + shape.rim_mm, settings.rim_spacing_mm
+    sizes = [(radius, spacing)]
+    while spacing < settings.lattice_mm:
+        spacing = min(spacing * settings.growth, settings.lattice_mm)
+        radius += spacing * math.sqrt(3) / 2
+        sizes.append((radius, spacing))
+    return sizes
+
+
+def _circles(shape: SheetShape, hole: Hole, settings: MeshSettings) -> list[NDArray[np.float64]]:
+    """Return circles of points (n, 2) round a hole, the first where the rounded edge begins.
+
+    They are circles in the hole's own plane, not in the part's (x, y) plane, so that the hole is
+    round also where the sheet is tilted.
+    """
+    across = []
+    for i, (radius, spacing) in enumerate(_circle_sizes(shape, hole, settings)):
+        count = math.ceil(2 * math.pi * radius / spacing)
+        angle = 2 * math.pi * (np.arange(count) + 0.5 * (i % 2)) / count
+        across.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    ends = np.cumsum([len(circle) for circle in across])
+    return np.split(_below(shape, hole, np.concatenate(across)), ends[:-1])
+
+
+def _below(shape: SheetShape, hole: Hole, across_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find (x, y) of the skin's points that have given coordinates (n, 2) in the hole's plane."""
+    frame = shape.frame(hole)
+    origin, axes = frame.translation_mm, frame.rotation[:, :2]
+    xy = origin[:2] + across_mm @ axes[:2].T
+    for _ in range(6):  # exact at once on a pad; the crown's correction shrinks a hundredfold
+        missing = across_mm - (shape.points(xy) - origin) @ axes
+        xy = xy + missing @ axes[:2].T
+    return np.asarray(xy)
+
+
+def _lattice(shape: SheetShape, settings: MeshSettings) -> NDArray[np.float64]:
+    """Return the lattice's points (n, 2), finer where the sheet bends, away from every border."""
+    fine = settings.lattice_mm / 2
+    low, high = shape.outline.bounds_mm()
+    n_columns, n_rows = np.ceil((high - low) / (fine, fine * math.sqrt(3) / 2)).astype(int) + 1
+    row, column = np.mgrid[:n_rows, :n_columns]
+    xy = np.stack([column + 0.5 * (row % 2), row * math.sqrt(3) / 2], axis=-1) * fine + low
+    # Every second point of every second row is the same lattice at twice the spacing.
+    coarse = (row % 2 == 0) & (column % 2 == row // 2 % 2)
+    height = shape.height_mm(xy.reshape(-1, 2)).reshape(row.shape)
+    points = xy[coarse | _bends(height, settings.fine_curvature_per_mm * fine**2)]
+    clear = 0.7 * settings.border_spacing_mm  # no point lies in the circle about a border's edge
+    keep = (shape.outline.distance_mm(points) < -clear) & (
+        shape.opening.distance_mm(points) > clear
+    )
+    for hole in shape.holes:
+        outermost, spacing = _circle_sizes(shape, hole, settings)[-1]
+        from_centre = np.linalg.norm(points - hole.centre_mm, axis=1)
+        keep &= from_centre > outermost + 0.6 * spacing
+    return np.asarray(points[keep])
+
+
+def _bends(height: NDArray[np.float64], limit_mm: float) -> NDArray[np.bool_]:
+    """Tell where a triangular lattice's heights bend: second differences along x or y."""
+    bends = np.zeros(height.shape, dtype=bool)
+    along = height[:, 2:] - 2 * height[:, 1:-1] + height[:, :-2]
+    bends[:, 1:-1] |= np.abs(along) > limit_mm
+    across = height[4:] - 2 * height[2:-2] + height[:-4]  # rows two apart: √3 spacings
+    bends[2:-2] |= np.abs(across) > 3 * limit_mm
+    return bends
+
+
+def _triangulate(xy: NDArray[np.float64], loop_sizes: Sequence[int]) -> NDArray[np.int64]:
+    """Join points; triangles that fill a hole or a dent of the outline are left out.
+
+    Such a triangle, and no other, has all three corners on the same loop: every loop is convex, and
+    neighbours inside the sheet are closer to it than its own curvature's centre.
+    """
+    triangles = Delaunay(xy).simplices
+    loop = np.full(len(xy), -1)
+    loop[: sum(loop_sizes)] = np.repeat(np.arange(len(loop_sizes)), loop_sizes)
+    of = loop[triangles]
+    filling = (of[:, 0] >= 0) & (of[:, 0] == of[:, 1]) & (of[:, 0] == of[:, 2])
+    triangles = triangles[~filling]
+    corners = xy[triangles]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    clockwise = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0
+    triangles[clockwise] = triangles[clockwise][:, ::-1]
+    return np.asarray(triangles, dtype=np.int64)
+
+
+def _close(
+    shape: SheetShape,
+    xy: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    loop_sizes: Sequence[int],
+    arc_steps: int,
+) -> SheetMesh:
+    """Make two skins of the triangulation and join them by walls along its loops."""
+    inner, normals = shape.points(xy), shape.normals(xy)
+    vertices = [inner, inner + shape.thickness_mm * normals]
+    # Anticlockwise in (x, y) is anticlockwise seen from +z, the outside.
+    faces = [triangles[:, ::-1], triangles + len(xy)]
+    outer = [np.zeros(len(triangles), dtype=bool), np.ones(len(triangles), dtype=bool)]
+    n_vertices, start = 2 * len(xy), 0
+    beyond_mm, depth_mm = _rim_profile(shape, arc_steps)
+    for size in loop_sizes:
+        loop = slice(start, start + size)
+        outward = _away_from_sheet(inner[loop], normals[loop])
+        rows = [np.arange(start, start + size)]
+        for beyond, depth in zip(beyond_mm, depth_mm, strict=True):
+            vertices.append(inner[loop] + beyond * outward + depth * normals[loop])
+            rows.append(np.arange(n_vertices, n_vertices + size))
+            n_vertices += size
+        rows.append(rows[0] + len(xy))
+        start += size
+        for i, (upper, lower) in enumerate(pairwise(rows)):
+            faces.append(_strip(upper, lower))
+            outer.append(np.full(2 * size, i > arc_steps))
+    return SheetMesh(
+        vertices=np.concatenate(vertices),
+        faces=np.concatenate(faces).astype(np.int32),
+        outer=np.concatenate(outer),
+    )
+
+
+def _rim_profile(
+    shape: SheetShape, arc_steps: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far beyond the skin's border and how deep each row of a wall lies, mm."""
+    angle = np.linspace(0.0, math.pi / 2, arc_steps + 1)[1:]
+    beyond = shape.rim_mm * np.sin(angle)
+    depth = shape.rim_mm * (1 - np.cos(angle))
+    return np.concatenate([beyond, beyond[::-1]]), np.concatenate(
+        [depth, shape.thickness_mm - depth[::-1]]
+    )
+
+
+def _away_from_sheet(
+    loop: NDArray[np.float64], normals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit directions in the surface that point away from the sheet along a loop.
+
+    Loops run with the sheet on their left, seen from outside the part.
+    """
+    along = np.roll(loop, -1, axis=0) - np.roll(loop, 1, axis=0)
+    outward = np.cross(along, normals)
+    return np.asarray(outward / np.linalg.norm(outward, axis=1, keepdims=True))
+
+
+def _strip(upper: NDArray[np.int64], lower: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the triangles between two rows of a wall, seen from off the sheet."""
+    upper_next, lower_next = np.roll(upper, -1), np.roll(lower, -1)
+    return np.concatenate(
+        [
+            np.stack([upper, upper_next, lower_next], axis=1),
+            np.stack([upper, lower_next, lower], axis=1),
+        ]
+    )

@@ -1,0 +1,260 @@
+"""The active stereo sensor: random dots seen by two cameras, matched like recorded images.
+
+The images go through `exposight.imaging`'s rectification and semi-global matching; a pixel has no
+point where either image is clipped or shows too little texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.cell import ActiveSensor, Capture
+from exposight.errors import SensorError
+from exposight.imaging.rectification import RectifiedPair, rectify
+from exposight.imaging.stereo import StereoLimits, match_pair
+from exposight.twin.light import LightModel, ProjectorLens, trace_view
+from exposight.twin.random_numbers import stream_key
+from exposight.twin.sensors.dots import DotPattern, dot_radiance, render_dots
+from exposight.twin.sensors.exposure import CameraElectronics, expose
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from exposight.cell import Projector
+    from exposight.geometry import RigidTransform
+    from exposight.twin.light import SceneTracer
+
+__all__ = ["DOT_ELECTRONICS", "DOT_LIGHT", "MATCHED_MM", "DotLight", "DotSensor"]
+
+DOT_LIGHT = LightModel(
+    # Roboception: the RandomDot's lens has 12 mm, f/1.4. Fully open it would blur the dots away at
+    # either end of the working volume, so it is taken as stopped down to f/4 (assumed): a pupil of
+    # 3 mm, a quarter of which times the preset's 640 px is the defocus.
+    projector=ProjectorLens(defocus_px_mm=480.0),
+)
+"""Light of the paper's stereo sensor; in focus at its TCP."""
+
+# Chosen once, from Table 9: the stereo sensor's observations with p_norm ≥ 0.75 were taken at 0.09
+# to 18 ms and have 12 to 241 grey levels. Bare sheet at the TCP, turned to the middle of its
+# training features' range (w = 5°, p = −0.5°), has the middle, 126 grey levels, at 9 ms.
+DOT_ELECTRONICS = CameraElectronics(electrons_per_ms=1.5e9)
+"""Cameras of the paper's stereo sensor. Full well, noise, PRNU and dark current are those of the
+structured-light sensor's camera (assumed): Roboception does not publish them."""
+
+MATCHED_MM = (200.0, 1000.0)
+"""Depths that are matched. Roboception's data sheet: from 0.2 m; the paper's Table 7: the farthest
+plane at 1.00 m."""
+
+_NOISE = 0x444F5453  # the purpose of a stream of random numbers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DotLight:
+    """The light of a view under the dots, in both cameras, ready for exposures.
+
+    Parameters
+    ----------
+    camera_from_part : RigidTransform
+        Where the part stands, seen from the first camera.
+    radiance : (ndarray, ndarray), each (rows, columns) of float32, 1/mm²
+        Behind the lens of the first and the second camera.
+    true_depth_mm : (rows, columns) ndarray of float32, mm
+        Z behind the first camera's pixels, NaN where nothing is.
+    """
+
+    camera_from_part: RigidTransform
+    radiance: tuple[NDArray[np.float32], NDArray[np.float32]]
+    true_depth_mm: NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DotSensor:
+    """An active stereo sensor with its light, electronics and matching.
+
+    Views are traced and matched as whole frames: semi-global matching weighs whole rows.
+
+    Parameters
+    ----------
+    sensor : ActiveSensor
+        With two cameras, the left one first, and a projector.
+    light : LightModel
+        Lenses, lighting, surfaces.
+    electronics : CameraElectronics
+        Of the first camera; the second has a fixed pattern of its own and is else alike.
+    dots : DotPattern
+        The projector's slide.
+    limits : StereoLimits
+        When a match counts.
+    depth_limits_mm : (float, float), mm
+        Depths that are matched.
+
+    Raises
+    ------
+    SensorError
+        If there are not two cameras, the first of them to the left, or there is no projector.
+    """
+
+    sensor: ActiveSensor
+    light: LightModel = DOT_LIGHT
+    electronics: CameraElectronics = DOT_ELECTRONICS
+    dots: DotPattern = field(default_factory=DotPattern)
+    limits: StereoLimits = field(default_factory=StereoLimits)
+    depth_limits_mm: tuple[float, float] = MATCHED_MM
+
+    def __post_init__(self) -> None:
+        if len(self.sensor.cameras) != 2:
+            msg = (
+                f"sensor {self.sensor.name!r}: active stereo needs two cameras, got "
+                f"{len(self.sensor.cameras)}"
+            )
+            raise SensorError(msg)
+        self._check_projector()
+        self.pair  # noqa: B018  raises where the cameras are no stereo pair
+
+    def _check_projector(self) -> Projector:
+        if self.sensor.projector is None:
+            msg = f"sensor {self.sensor.name!r} has no projector; dots need one"
+            raise SensorError(msg)
+        return self.sensor.projector
+
+    @cached_property
+    def pair(self) -> RectifiedPair:
+        """The two cameras, rectified."""
+        first, second = self.sensor.cameras
+        return rectify(first, second, self.sensor.first_from_camera[1])
+
+    @cached_property
+    def _slide(self) -> NDArray[np.uint16]:
+        projector = self._check_projector()
+        contrast = self.light.projector.contrast
+        return render_dots(self.dots, projector.width, projector.height, contrast)
+
+    def look(self, tracer: SceneTracer, camera_from_part: RigidTransform) -> DotLight:
+        """Trace a view once, for all its exposures.
+
+        Parameters
+        ----------
+        tracer : SceneTracer
+            The scene.
+        camera_from_part : RigidTransform
+            Where the part stands, seen from the first camera.
+
+        Raises
+        ------
+        InputError
+            If one of the cameras sees nothing of the scene.
+        """
+        radiance = []
+        depth = np.empty(0, dtype=np.float32)
+        for i in range(2):
+            view = trace_view(
+                tracer, self.sensor, camera_from_part, model=self.light, camera_index=i
+            )
+            radiance.append(dot_radiance(view, self._slide))
+            if i == 0:
+                depth = view.true_depth_mm()
+        return DotLight(
+            camera_from_part=camera_from_part,
+            radiance=(radiance[0], radiance[1]),
+            true_depth_mm=depth,
+        )
+
+    def images(
+        self, light: DotLight, exposure_ms: float, seed: Sequence[int]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Take both cameras' images at one exposure time.
+
+        Parameters
+        ----------
+        light : DotLight
+            The view's light.
+        exposure_ms : float, ms
+            In the sensor's range.
+        seed : sequence of int
+            Whole numbers from 0 that no other exposure shares, as (campaign's seed, view,
+            exposure).
+
+        Returns
+        -------
+        (ndarray, ndarray), each (rows, columns) of uint8
+
+        Raises
+        ------
+        SensorError
+            If the sensor cannot take this exposure time.
+        """
+        self.sensor.check_exposure(exposure_ms)
+        pattern = self.electronics.pattern_seed
+        grey = []
+        for i in range(2):
+            camera = replace(self.electronics, pattern_seed=pattern + i)
+            key = stream_key(*seed, _NOISE, i)
+            grey.append(expose(light.radiance[i][None], exposure_ms, camera, noise_key=key)[0])
+        return grey[0], grey[1]
+
+    def capture(
+        self, light: DotLight, exposure_ms: float, *, view: str, seed: Sequence[int]
+    ) -> Capture:
+        """Take both images at one exposure time and match them.
+
+        Parameters
+        ----------
+        light : DotLight
+            The view's light.
+        exposure_ms : float, ms
+            In the sensor's range.
+        view : str
+            The view's name.
+        seed : sequence of int
+            As for `images`.
+
+        Returns
+        -------
+        Capture
+            With the first camera's image (Sect. 4.2.1 of the paper) and a cloud organised like it.
+
+        Raises
+        ------
+        SensorError
+            If the sensor cannot take this exposure time.
+        """
+        images = self.images(light, exposure_ms, seed)
+        return self.matched(light, images, exposure_ms, view=view)
+
+    def matched(
+        self,
+        light: DotLight,
+        images: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+        exposure_ms: float,
+        *,
+        view: str,
+    ) -> Capture:
+        """Match both images of one exposure: `capture` of given images.
+
+        Parameters
+        ----------
+        light : DotLight
+            The view's light.
+        images : (ndarray, ndarray), each (rows, columns) of uint8
+            As `images` took them.
+        exposure_ms : float, ms
+            At which they were taken.
+        view : str
+            The view's name.
+        """
+        cloud = match_pair(
+            *images, self.pair, depth_limits_mm=self.depth_limits_mm, limits=self.limits
+        )
+        return Capture(
+            view=view,
+            exposure_ms=exposure_ms,
+            image=images[0],
+            cloud=cloud,
+            camera_from_part=light.camera_from_part,
+        )

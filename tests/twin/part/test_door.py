@@ -1,0 +1,397 @@
+"""The door as it is built: a closed body, the right holes, seen as the paper's Table 9 lists."""
+
+import logging
+
+import numpy as np
+import pytest
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from exposight.cell import ActiveSensor, Capture, Cloud, sensor_preset
+from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.observing import observe_capture, orientation_deg, point_search, view_features
+from exposight.twin.part import DOOR, FINISHES, door
+from exposight.twin.part import door_scene as door_module
+from exposight.twin.part.door_scene import CACHE_VARIABLE, cache_folder
+
+BEFORE_INSIDE = RigidTransform()
+BEFORE_OUTSIDE = RigidTransform.from_fanuc_wpr((0, 0, 0), 0, 180, 0)
+
+TRAINING = {f"f{i}" for i in range(1, 5)}
+MORE_TRAINING = {f"f{i}" for i in range(5, 10)}
+TEST = {f"f{i}_test" for i in range(1, 5)}
+OUTSIDE = {f"f{i}_out" for i in range(1, 6)}
+
+NORMAL_TOLERANCE_DEG = 0.3
+"""On a crown of 2.2 m a ring of 35 mm leaves its centre's plane by 0.9°, on average by nothing."""
+
+PERFECT_TOLERANCE = 0.05
+"""How far a perfect sensor's p_norm may be from 1 where neither bead nor shadow is in the way."""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def steps():
+    return []
+
+
+@pytest.fixture(scope="module")
+def scene(cache, steps):
+    return door(cache, progress=lambda done, total: steps.append((done, total)))
+
+
+@pytest.fixture(scope="module")
+def mesh(scene):
+    return trimesh.Trimesh(scene.vertices, scene.faces, process=False)
+
+
+def sides(scene):
+    """Return for each feature what a sensor before its side sees: (feature, tcp_from_feature)."""
+    for feature in scene.part.features:
+        before = BEFORE_OUTSIDE if feature.name in OUTSIDE else BEFORE_INSIDE
+        yield feature, before @ feature.part_from_feature
+
+
+# -- a closed body -------------------------------------------------------------------------------
+
+
+def test_is_watertight_and_consistently_oriented(mesh):
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+
+
+def test_euler_number_counts_every_hole_and_the_opening(mesh):
+    assert mesh.body_count == 1
+    assert mesh.euler_number == 2 - 2 * (len(DOOR.holes) + 1)
+
+
+def test_is_a_sheet_of_one_thickness_looking_outwards(mesh, scene):
+    upward = scene.face_normals()[:, 2]
+    skins = mesh.area_faces[upward < -0.3].sum(), mesh.area_faces[upward > 0.3].sum()
+    # walls and rounded edges are 1 % of the skins' area
+    assert mesh.volume == pytest.approx(DOOR.thickness_mm * np.mean(skins), rel=0.01)
+    assert scene.volume_mm3() == pytest.approx(mesh.volume, rel=1e-9)
+
+
+def test_is_as_large_and_as_finely_cut_as_planned(mesh):
+    assert mesh.extents[:2] == pytest.approx([1000, 700], abs=2)
+    assert 0.8e6 < len(mesh.faces) < 1.2e6
+    smooth = np.percentile(mesh.edges_unique_length, [5, 50])
+    assert (smooth > 0.15).all()
+    assert (smooth <= 2.1).all()
+
+
+def test_has_no_degenerate_triangle(mesh):
+    assert mesh.area_faces.min() > 0.01
+    assert np.degrees(mesh.face_angles.min()) > 5
+
+
+def test_building_tells_its_progress(scene, steps):
+    assert scene
+    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_smooth_normals_are_those_of_the_design(scene):
+    some = np.arange(7, len(scene.vertices), 20)
+    inner = some[np.abs(scene.vertices[some, 2] - DOOR.height_mm(scene.vertices[some, :2])) < 1e-9]
+    cosine = -(scene.normals()[inner] * DOOR.normals(scene.vertices[inner, :2])).sum(axis=1)
+    error_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    assert np.median(error_deg) < 0.01
+    assert np.percentile(error_deg, 90) < 3  # bend radii of a few mm are cut at 1 mm
+    assert error_deg.max() < 10  # where the rounded edges of borders begin
+
+
+# -- features ------------------------------------------------------------------------------------
+
+
+def test_has_at_least_thirty_holes_of_3_to_30_mm(scene):
+    radii = [feature.radius_mm for feature in scene.part.features]
+    assert len(radii) >= 30
+    assert (min(radii), max(radii)) == (3, 30)
+
+
+@pytest.mark.parametrize(
+    ("names", "w_range", "p_range"),
+    [
+        (TRAINING, (1, 11), (-3, 1)),
+        (MORE_TRAINING, (1, 11), (-6, 1)),
+        (TEST, (-1, 5), (-13, -3)),
+        (OUTSIDE, (-3, 4), (-2, 0)),
+    ],
+    ids=["training", "more training", "test", "outside"],
+)
+def test_orientations_fill_the_ranges_of_table_9(scene, names, w_range, p_range):
+    seen = {feature.name: orientation_deg(feature, pose) for feature, pose in sides(scene)}
+    angles = np.array([seen[name] for name in names])
+    for column, (low, high) in ((0, w_range), (1, p_range)):
+        values = angles[:, column]
+        assert low <= values.min() < low + 0.25 * (high - low)
+        assert high - 0.25 * (high - low) < values.max() <= high
+
+
+@pytest.fixture(scope="module")
+def rings(scene):
+    """Return for each feature the triangles of its ring and their depth in its frame."""
+    centres = scene.vertices[scene.faces].mean(axis=1)
+    found = {}
+    for feature in scene.part.features:
+        from_feature = np.abs(centres[:, :2] - feature.part_from_feature.translation_mm[:2])
+        near = np.flatnonzero(from_feature.max(axis=1) < feature.radius_mm + 6)
+        local = feature.part_from_feature.inverse().apply(centres[near])
+        on_ring = feature.measured_region().contains(local) & (np.abs(local[:, 2]) < 0.6)
+        found[feature.name] = near[on_ring], local[on_ring, 2]
+    return found
+
+
+def test_features_look_along_the_mesh_normals(scene, rings):
+    normals = scene.face_normals()
+    for feature in scene.part.features:
+        on_ring, depth = rings[feature.name]
+        mean = normals[on_ring].mean(axis=0)
+        cosine = -float(mean @ feature.part_from_feature.z_axis) / np.linalg.norm(mean)
+        assert np.degrees(np.arccos(min(cosine, 1.0))) < NORMAL_TOLERANCE_DEG, feature.name
+        # the ring lies on the skin that is seen, not on the one behind it
+        assert abs(depth.mean()) < 0.3, feature.name
+
+
+def test_walls_stand_at_the_radius_and_rims_are_rounded(scene):
+    for hole, feature in zip(DOOR.holes, scene.part.features, strict=True):
+        from_feature = np.abs(scene.vertices - feature.part_from_feature.translation_mm)
+        near = from_feature.max(axis=1) < feature.radius_mm + 3
+        x, y, depth = feature.part_from_feature.inverse().apply(scene.vertices[near]).T
+        radius = np.hypot(x, y)
+        assert radius.min() == pytest.approx(feature.radius_mm, abs=0.02), feature.name
+        if hole.orientation_deg is not None:  # without a pad the skin leaves the hole's plane
+            on_skin = radius[np.abs(depth) < 1e-6].min()
+            assert on_skin == pytest.approx(feature.radius_mm + DOOR.rim_mm, abs=1e-6)
+
+
+def test_rings_lie_on_sheet_free_of_beads_pockets_and_borders():
+    for hole in DOOR.holes:
+        flat = hole.radius_mm + 10
+        around = hole.centre_mm[None]
+        assert DOOR.outline.distance_mm(around)[0] < -flat, hole.name
+        assert DOOR.opening.distance_mm(around)[0] > flat, hole.name
+        for press in DOOR.presses:
+            distance = float(press.distance_mm(around)[0])
+            on_floor = distance < 0 and distance < -flat
+            assert on_floor or distance > press.profile.width_mm + flat, (hole.name, press)
+        for other in DOOR.holes:
+            if other is not hole:
+                apart = float(np.linalg.norm(other.centre_mm - hole.centre_mm))
+                assert apart > flat + other.radius_mm + 5, (hole.name, other.name)
+
+
+def test_inside_is_bare_and_each_outside_group_has_its_finish(scene, rings):
+    found = {}
+    for name, (on_ring, _) in rings.items():
+        (finish,) = np.unique(scene.face_finish[on_ring])
+        found[name] = FINISHES[finish]
+    groups = [{found[f"f{i}_out"] for i in group} for group in ((1,), (2, 3), (4, 5))]
+    assert groups == [{"primer"}, {"paint"}, {"brushed"}]
+    assert {found[name] for name in found if name not in OUTSIDE} == {"bare"}
+
+
+# -- seen by a perfect sensor --------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def embree(scene):
+    tracer = EmbreeScene()
+    meshes = TriangleMesh(tracer, scene.vertices.astype(np.float32), scene.faces)
+    return tracer, meshes
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    """The structured-light sensor with every second pixel."""
+    full = sensor_preset("comet-pro-ae")
+    camera = PinholeCamera(
+        width=full.camera.width // 2,
+        height=full.camera.height // 2,
+        fx=full.camera.fx / 2,
+        fy=full.camera.fy / 2,
+        cx=(full.camera.cx - 0.5) / 2,
+        cy=(full.camera.cy - 0.5) / 2,
+    )
+    return ActiveSensor(
+        name="half",
+        cameras=(camera,),
+        first_from_camera=full.first_from_camera,
+        projector=full.projector,
+        camera_from_tcp=full.camera_from_tcp,
+        exposure_min_ms=1,
+        exposure_max_ms=1000,
+        exposure_increment_ms=1,
+        working_distance_mm=full.working_distance_mm,
+    )
+
+
+def trace(embree, origins, directions):
+    """Return distances in units of the directions, NaN where nothing is hit."""
+    hits = embree[0].run(
+        np.ascontiguousarray(origins, dtype=np.float32),
+        np.ascontiguousarray(directions, dtype=np.float32),
+        output=1,
+    )
+    return np.where(hits["primID"] >= 0, hits["tfar"], np.nan)
+
+
+def perfect_cloud(embree, sensor, camera_from_part):
+    """One exact point for every pixel that sees the door."""
+    rays = sensor.camera.rays().reshape(-1, 2)
+    rays = np.column_stack([rays, np.ones(len(rays))])
+    part_from_camera = camera_from_part.inverse()
+    origins = np.broadcast_to(part_from_camera.translation_mm, rays.shape)
+    depth = trace(embree, origins, rays @ part_from_camera.rotation.T)
+    points = (rays * depth[:, None]).reshape(sensor.camera.height, sensor.camera.width, 3)
+    return Cloud(points=points.astype(np.float32))
+
+
+def perfect_rows(scene, embree, sensor, camera_from_part):
+    cloud = perfect_cloud(embree, sensor, camera_from_part)
+    image = np.full((sensor.camera.height, sensor.camera.width), 100, dtype=np.uint8)
+    capture = Capture(
+        view="v",
+        exposure_ms=10.0,
+        image=image,
+        cloud=cloud,
+        camera_from_part=camera_from_part,
+    )
+    views = view_features(scene.part, sensor, camera_from_part)
+    rows = observe_capture(capture, views, point_search(cloud, sensor.camera))
+    return {row.feature: row.p_norm for row in rows if row.p_norm is not None}
+
+
+@pytest.mark.parametrize(
+    ("before", "position_mm", "names"),
+    [
+        (BEFORE_INSIDE, (0, 0, 0), TRAINING | TEST),
+        (BEFORE_INSIDE, (-150, 80, -190), {"f1", "f2"}),
+        (BEFORE_INSIDE, (100, -60, -190), {"f1", "f1_test"}),
+        (BEFORE_INSIDE, (0, 0, 200), TRAINING | MORE_TRAINING | TEST),
+        (BEFORE_OUTSIDE, (150, -250, 60), OUTSIDE - {"f1_out"}),
+        (BEFORE_OUTSIDE, (40, -230, 0), {"f1_out", "f2_out", "f3_out"}),
+    ],
+)
+def test_a_perfect_sensor_finds_every_point(scene, embree, sensor, before, position_mm, names):
+    moved = RigidTransform(translation_mm=position_mm) @ before
+    rows = perfect_rows(scene, embree, sensor, sensor.camera_from_tcp @ moved)
+    assert names <= rows.keys()
+    for name, p_norm in rows.items():
+        assert p_norm == pytest.approx(1.0, abs=PERFECT_TOLERANCE), name
+
+
+def test_pockets_and_beads_throw_shadows(scene, embree, sensor):
+    camera_from_part = sensor.camera_from_tcp @ RigidTransform(translation_mm=(200, -100, -100))
+    cloud = perfect_cloud(embree, sensor, camera_from_part)
+    part_from_camera = camera_from_part.inverse()
+    points = part_from_camera.apply(cloud.valid_points[::7])
+    lamp = part_from_camera.apply(sensor.projector.camera_from_projector.translation_mm)
+    towards = (lamp - points) / np.linalg.norm(lamp - points, axis=1, keepdims=True)
+    shaded = ~np.isnan(trace(embree, points + 0.05 * towards, towards))
+    assert 0.002 < shaded.mean() < 0.1
+
+
+# -- cache ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_building(monkeypatch):
+    def refuse(*_):
+        pytest.fail("the door was built, though it is in the cache")
+
+    monkeypatch.setattr(door_module, "build_door", refuse)
+
+
+@pytest.fixture
+def rebuilt(monkeypatch, scene):
+    """Count how often the door is built, without doing it."""
+    calls = []
+
+    def build(progress=None):
+        calls.append(progress)
+        return scene
+
+    monkeypatch.setattr(door_module, "build_door", build)
+    return calls
+
+
+@pytest.mark.usefixtures("no_building")
+def test_the_cached_door_is_the_built_one(cache, scene):
+    cached = door(cache)
+    np.testing.assert_array_equal(cached.vertices, scene.vertices)
+    np.testing.assert_array_equal(cached.faces, scene.faces)
+    np.testing.assert_array_equal(cached.face_finish, scene.face_finish)
+    assert [f.name for f in cached.part.features] == [f.name for f in scene.part.features]
+
+
+def flip(data):
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [flip, lambda data: data[: len(data) // 2], lambda _: b"", lambda _: b"not an archive"],
+    ids=["flipped bit", "cut off", "empty", "another file"],
+)
+def test_a_damaged_cache_is_built_again(cache, tmp_path, rebuilt, caplog, damage):
+    (whole,) = cache.iterdir()
+    damaged = tmp_path / whole.name
+    damaged.write_bytes(damage(whole.read_bytes()))
+    with caplog.at_level(logging.WARNING):
+        door(tmp_path)
+    assert len(rebuilt) == 1
+    assert "built again" in caplog.text
+    door(tmp_path)
+    assert len(rebuilt) == 1
+
+
+def test_a_cache_of_other_content_is_built_again(cache, tmp_path, rebuilt, caplog):
+    (whole,) = cache.iterdir()
+    with np.load(whole) as archive:
+        arrays = dict(archive)
+    arrays["vertices"][0] += 1.0
+    np.savez(tmp_path / whole.name, **arrays)
+    door(tmp_path)
+    assert len(rebuilt) == 1
+    assert "is damaged" in caplog.text
+
+
+def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, rebuilt, caplog):
+    no_folder = tmp_path / "file"
+    no_folder.write_text("in the way")
+    assert door(no_folder).part.name == "door"
+    assert len(rebuilt) == 1
+    assert "could not be cached" in caplog.text
+
+
+def test_another_design_has_another_cache(cache, rebuilt, monkeypatch):
+    monkeypatch.setattr(door_module, "_VERSION", 999)
+    door(cache)
+    assert len(rebuilt) == 1
+    for extra in sorted(cache.iterdir(), key=lambda path: path.stat().st_mtime)[1:]:
+        extra.unlink()
+
+
+def test_the_cache_folder_can_be_chosen(monkeypatch, tmp_path):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    assert cache_folder() == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("platform", "variable"),
+    [("linux", "XDG_CACHE_HOME"), ("win32", "LOCALAPPDATA"), ("darwin", "HOME")],
+)
+def test_the_cache_is_where_the_platform_keeps_caches(monkeypatch, tmp_path, platform, variable):
+    monkeypatch.delenv(CACHE_VARIABLE, raising=False)
+    monkeypatch.setattr("sys.platform", platform)
+    monkeypatch.setenv(variable, str(tmp_path))
+    assert cache_folder().is_relative_to(tmp_path)
+    assert "exposight" in cache_folder().parts
