@@ -24,7 +24,8 @@ from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
 from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
-from exposight.report import door_report, skull_report
+from exposight.report.door import door_report
+from exposight.report.skull import skull_report
 
 EVIL = "<x>&\"'</script>"
 """A feature's name that would break a page which does not escape it."""
@@ -226,6 +227,7 @@ class PageReader(HTMLParser):
         if self._script is not None:
             self._script["text"] += data
             return
+        data = data.replace("\u00a0", " ")  # a number and its unit, kept on one line
         self.texts.append(data)
         if self._cell is not None:
             self._cell["text"] += data

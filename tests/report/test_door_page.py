@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from exposight.errors import InputError
-from exposight.report import door_report
-from exposight.report.door_images import close_picture, framed_picture
-from exposight.report.door_scene import ring_mesh, shading
-from exposight.report.door_words import share
+from exposight.report.door import door_report
+from exposight.report.door.images import close_picture, framed_picture
+from exposight.report.door.scene import ring_mesh, shading
 from exposight.report.images import marked_picture
+from exposight.report.markup import fixed
 
 
 def _array(value):
@@ -79,8 +79,8 @@ def test_pointing_at_a_ring_tells_both_values(door_result, read_door):
     trace = next(t for t in _traces(read_door, "door") if t.get("meta") == "predicted-1")
     view = door_result.new_view
     hint = trace["text"][-1]
-    assert f"predicted p<sub>norm</sub> {share(view.taken.p_norm[-1, 1])} ±" in hint
-    assert f"measured p<sub>norm</sub> {share(view.p_norm[-1, 1])}" in hint
+    assert f"predicted p<sub>norm</sub> {fixed(view.taken.p_norm[-1, 1], 3)} ±" in hint
+    assert f"measured p<sub>norm</sub> {fixed(view.p_norm[-1, 1], 3)}" in hint
 
 
 def test_rings_lie_round_their_holes(door_result):
@@ -180,7 +180,7 @@ def test_only_unseen_features_are_shown_close_by(door_result, read_door):
     ("value", "shown"), [(0.98765, "0.988"), (-0.0001, "0.000"), (-0.25, "−0.250"), (1e-9, "0.000")]
 )
 def test_shares_have_fixed_decimals_and_no_negative_zero(value, shown):
-    assert share(value) == shown
+    assert fixed(value, 3) == shown
 
 
 def test_a_result_without_models_is_refused(door_result):

@@ -3,8 +3,8 @@ import base64
 import numpy as np
 import pytest
 
-from exposight.report.skull_cloud import ring_of_points
-from exposight.report.skull_selection import object_crop, sample_cloud
+from exposight.report.skull.cloud import ring_of_points
+from exposight.report.skull.selection import object_crop, sample_cloud
 
 
 def _array(value):
@@ -130,4 +130,4 @@ def test_every_axis_has_a_unit(read_page):
         for axis in ("xaxis", "yaxis"):
             assert layout[axis]["title"]["text"].endswith((" (1)", " (ms)", " (grey level 0–255)"))
     scene = read_page.json("cloud-figure")["layout"]["scene"]
-    assert all(" in mm" in scene[f"{name}axis"]["title"]["text"] for name in "xyz")
+    assert all(" (mm)" in scene[f"{name}axis"]["title"]["text"] for name in "xyz")

@@ -9,8 +9,8 @@ from hypothesis.extra.numpy import arrays
 
 from exposight.report.colours import CLIPPED, P_NORM_SCALE, rgb, scale_rgb
 from exposight.report.images import brighten, marked_picture, mask_edge
-from exposight.report.skull_images import ring_picture
-from exposight.report.skull_selection import object_crop
+from exposight.report.skull.images import ring_picture
+from exposight.report.skull.selection import object_crop
 
 
 def test_brightening_keeps_black_and_white_and_lifts_the_dark():

@@ -3,7 +3,16 @@ import math
 import pytest
 
 from exposight.report.colours import P_NORM_SCALE, plotly_scale, scale_rgb
-from exposight.report.markup import Heading, exact, model_name, number, table
+from exposight.report.markup import (
+    Heading,
+    exact,
+    fixed,
+    model_name,
+    number,
+    section,
+    table,
+    with_unit,
+)
 from exposight.report.plots import data_block
 
 
@@ -72,3 +81,50 @@ def test_a_scales_ends_and_middle_are_its_colours():
 def test_plotlys_scale_runs_from_0_to_1():
     scale = plotly_scale(P_NORM_SCALE)
     assert [scale[0], scale[-1]] == [[0.0, P_NORM_SCALE[0]], [1.0, P_NORM_SCALE[-1]]]
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "signed", "text"),
+    [
+        (1.25, 1, False, "1.2"),
+        (-0.04, 1, True, "+0.0"),
+        (-17.26, 1, True, "−17.3"),
+        (3.0, 0, False, "3"),
+        (None, 2, False, "–"),
+        (math.inf, 2, False, "–"),
+    ],
+)
+def test_fixed_numbers_have_that_many_decimals(value, digits, signed, text):
+    assert fixed(value, digits, signed=signed) == text
+
+
+def test_decimal_points_of_a_column_stand_below_each_other():
+    headings = (Heading(text="a"), Heading(text="b"))
+    cells = [exact(12.5, "12.5"), exact(0.125, "0.125"), exact(3, "3"), exact(None), "words"]
+    text = table(headings, [["", cell] for cell in cells], name="t", caption="")
+    assert '<data value="12.5" data-pad="00">12.5</data>' in text
+    assert '<data value="0.125">0.125</data>' in text
+    assert '<data value="3" data-pad=".000">3</data>' in text
+    assert '<td><span data-pad=".000">–</span></td>' in text
+    assert "<td>words</td>" in text
+
+
+def test_a_column_of_whole_numbers_needs_no_padding():
+    text = table((Heading(text="a"), Heading(text="b")), [["", exact(3, "3")], ["", "–"]],
+                 name="t", caption="")  # fmt: skip
+    assert "data-pad" not in text
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"), [("ms²", "1 ms²"), ("°", "1°"), ("", "1"), ("<b>", "1 &lt;b&gt;")]
+)
+def test_a_space_stands_before_units_but_degrees(unit, text):
+    assert with_unit("1", unit) == text
+
+
+def test_a_number_and_its_unit_stay_on_one_line_but_data_stay_as_they_are():
+    script = '<script type="application/json">"5 ms"</script>'
+    body = f'5 ms, <data value="2.0">2</data> %, 3 msec, 7 views{script}'
+    shown = section(1, "title", body)
+    assert '5\u00a0ms, <data value="2.0">2</data>\u00a0%, 3 msec, 7 views' in shown
+    assert script in shown

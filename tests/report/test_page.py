@@ -5,7 +5,8 @@ import pytest
 
 from exposight.cell import Cloud
 from exposight.errors import CloudError, FileError, InputError
-from exposight.report import skull_report, write_report
+from exposight.report import write_report
+from exposight.report.skull import skull_report
 
 _LOADING = {"src", "srcset", "href", "action", "formaction", "data", "poster", "xlink:href"}
 

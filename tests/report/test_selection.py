@@ -4,7 +4,7 @@ import numpy as np
 
 from exposight.cell import Cloud
 from exposight.report.selection import exposures_ms
-from exposight.report.skull_selection import (
+from exposight.report.skull.selection import (
     Crop,
     nominal_capture,
     object_crop,

@@ -1,7 +1,8 @@
-"""Results to one HTML page that opens without a network."""
+"""Results to one HTML page that opens without a network.
 
-from exposight.report.door_page import door_report
+Here is what every page is made of; `door`, `skull` and `study` have a page each.
+"""
+
 from exposight.report.page import write_report
-from exposight.report.skull_page import skull_report
 
-__all__ = ["door_report", "skull_report", "write_report"]
+__all__ = ["write_report"]

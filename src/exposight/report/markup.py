@@ -18,16 +18,22 @@ __all__ = [
     "escape",
     "exact",
     "figure",
+    "fixed",
     "image_tag",
+    "model_code",
     "model_name",
     "number",
     "section",
     "table",
+    "with_unit",
 ]
 
-_MODEL_NAME = re.compile(r"([qe])_k(\d)(?:_(plus|star|lin))?")
-_VARIANTS = {"plus": "+", "star": "*", "lin": "lin"}
+_MODEL_NAME = re.compile(r"([qe])_k(\d)(?:_(plusplus|plus|star|lin))?(_s2)?")
+_VARIANTS = {None: "", "plus": "+", "plusplus": "++", "star": "*", "lin": "lin"}
 _NO_VALUE = "–"
+_PLAIN_NUMBER = re.compile(r'(<data value="[^"]*")>([+−]?[\d\s]+(?:\.(\d+))?)</data>')
+_SCRIPT = re.compile(r"(<script.*?</script>)", re.DOTALL)
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|ms|mm|px)(?!\w))|(?<=</data>) (?=(?:%|ms|mm|px)(?!\w))")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +76,24 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - exponent)}f}".replace("-", "−")
 
 
+def fixed(value: float | None, digits: int, *, signed: bool = False) -> str:
+    """Return a number with that many decimals, a dash where there is none; 0 is never negative.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    digits : int
+        Decimals.
+    signed : bool
+        True for a plus before positive numbers.
+    """
+    if value is None or not math.isfinite(value):
+        return _NO_VALUE
+    sign = "+" if signed else ""
+    return f"{round(float(value), digits) + 0.0:{sign}.{digits}f}".replace("-", "−")
+
+
 def exact(value: float | None, shown: str | None = None) -> str:
     """Return a number for people, with its full value for machines.
 
@@ -85,6 +109,13 @@ def exact(value: float | None, shown: str | None = None) -> str:
     return f'<data value="{value!r}">{number(value, 4) if shown is None else shown}</data>'
 
 
+def with_unit(shown: str, unit: str) -> str:
+    """Return a number, HTML, followed by its unit: after a space, but for degrees (SI brochure)."""
+    if not unit:
+        return shown
+    return f"{shown}{'' if unit == '°' else ' '}{escape(unit)}"
+
+
 def count_cell(value: int) -> str:
     """Return a whole number for people, blanks between its thousands, and for machines."""
     return exact(value, f"{value:,}".replace(",", " "))
@@ -98,16 +129,27 @@ def model_name(name: str) -> str:
     found = _MODEL_NAME.fullmatch(name)
     if found is None:
         return escape(name)
-    target, dimensions, variant = found.groups()
-    above = f"<sup>{_VARIANTS[variant]}</sup>" if variant else ""
-    return f"<sup>{target}</sup><i>k</i><sub>{dimensions}</sub>{above}"
+    target, dimensions, variant, stereo = found.groups()
+    above = _VARIANTS[variant] + ("s₂" if stereo else "")
+    raised = f"<sup>{above}</sup>" if above else ""
+    return f"<sup>{target}</sup><i>k</i><sub>{dimensions}</sub>{raised}"
+
+
+def model_code(name: str) -> str:
+    """Return a model's name as the paper prints it, and as files and commands write it."""
+    return f"{model_name(name)} <code>{escape(name)}</code>"
 
 
 def section(number_: int, title: str, body: str) -> str:
-    """Return a numbered section; its address on the page is ``s`` and the number."""
+    """Return a numbered section; its address on the page is ``s`` and the number.
+
+    No line breaks between a number and its unit.
+    """
+    parts = _SCRIPT.split(body)
+    parts[::2] = [_BEFORE_UNIT.sub("\u00a0", own) for own in parts[::2]]
     return (
         f'<section id="s{number_}">\n<h2><span class="no">{number_}</span> {escape(title)}</h2>\n'
-        f"{body}\n</section>\n"
+        f"{''.join(parts)}\n</section>\n"
     )
 
 
@@ -142,6 +184,8 @@ def table(
 ) -> str:
     """Return a table that scrolls sideways where it is wider than the page.
 
+    The decimal points of a column stand below each other, however many digits follow them.
+
     Parameters
     ----------
     headings : sequence of Heading
@@ -156,7 +200,7 @@ def table(
     head = "".join(
         f'<th scope="col"{_alignment(heading)}>{heading.text}</th>' for heading in headings
     )
-    body = "\n".join(f"<tr>{_cells(headings, row)}</tr>" for row in rows)
+    body = "\n".join(f"<tr>{_cells(headings, row)}</tr>" for row in _lined_up(headings, rows))
     return (
         f'<p class="caption" id="{name}-caption">{caption}</p>\n'
         f'<div class="wide" role="region" tabindex="0" aria-labelledby="{name}-caption">'
@@ -194,3 +238,31 @@ def _cells(headings: Sequence[Heading], row: Sequence[str]) -> str:
     for heading, cell in zip(headings[1:], others, strict=True):
         cells.append(f"<td{_alignment(heading)}>{cell}</td>")
     return "".join(cells)
+
+
+def _lined_up(
+    headings: Sequence[Heading], rows: Sequence[Sequence[str]]
+) -> Sequence[Sequence[str]]:
+    """Give the numbers of each column what they lack to the most decimals, for the eye alone."""
+    if not rows:
+        return rows
+    columns = [
+        column if heading.is_text else _padded(column)
+        for heading, column in zip(headings, zip(*rows, strict=True), strict=True)
+    ]
+    return list(zip(*columns, strict=True))
+
+
+def _padded(cells: tuple[str, ...]) -> tuple[str, ...]:
+    numbers = [_PLAIN_NUMBER.fullmatch(cell) for cell in cells]
+    decimals = [len(own[3] or "") if own else 0 for own in numbers]
+    padded = []
+    for cell, found, own in zip(cells, numbers, decimals, strict=True):
+        pad = ("" if own else ".") + "0" * (max(decimals) - own)
+        if own == max(decimals) or not (found or cell == _NO_VALUE):
+            padded.append(cell)
+        elif found:
+            padded.append(f'{found[1]} data-pad="{pad}">{found[2]}</data>')
+        else:
+            padded.append(f'<span data-pad="{pad}">{cell}</span>')
+    return tuple(padded)

@@ -55,6 +55,7 @@ def html_page(lead: str, sections: tuple[Section, ...]) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n'
         f"<title>{_TITLE}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n<body>\n"
         f'<div class="page">\n<header>\n<h1>{_TITLE}</h1>\n'
         f"<p>{escape(lead)}</p>\n"

@@ -97,7 +97,7 @@ def _drawing(results: tuple[ModelResult, ...], style: _Target, chosen: str) -> g
         y=[low, high],
         mode="lines",
         line={"color": MUTED, "width": 1, "dash": "dash"},
-        name="perfect",
+        name="predicted = observed",
         hoverinfo="skip",
     )
     for own in results:
@@ -145,7 +145,7 @@ def _add_points(
         },
         mode="markers",
         marker={"color": colour, "size": 5, "symbol": "circle" if inside else "diamond-open"},
-        name="inside training range" if inside else "outside",
+        name="inside range" if inside else "outside",
         text=[
             f"{escape(feature)}, {number(float(exposure), 4)} ms"
             for feature, exposure in zip(features, exposures, strict=True)

@@ -126,7 +126,7 @@ def _colours(exposures: tuple[float, ...]) -> dict[str, Any]:
         "cmin": float(np.log10(exposures[0])),
         "cmax": float(np.log10(exposures[-1])),
         "colorbar": {
-            "title": {"text": "exposure time in ms", "side": "right"},
+            "title": {"text": "exposure time (ms)", "side": "right"},
             "tickvals": np.log10(ticks),
             "ticktext": [number(own, 2) for own in ticks],
             "thickness": 12,

@@ -38,9 +38,9 @@ def scene(
     x, y, z = ([bottom, bottom + own] for bottom, own in zip(low, size, strict=True))
     longest = max(size)
     return {
-        "xaxis": _axis("x in mm", x),
-        "yaxis": _axis("z in mm (depth)", z, ticks=depth_ticks),
-        "zaxis": _axis("y in mm (down)", y[::-1]),
+        "xaxis": _axis("x (mm)", x),
+        "yaxis": _axis("z (mm), depth", z, ticks=depth_ticks),
+        "zaxis": _axis("y (mm), down", y[::-1]),
         "aspectmode": "manual",
         "aspectratio": {
             "x": size[0] / longest,

@@ -12,10 +12,13 @@ from exposight.report.markup import (
     count_cell,
     escape,
     exact,
-    model_name,
+    fixed,
+    model_code,
     number,
     table,
+    with_unit,
 )
+from exposight.report.quantities import column_name
 from exposight.report.selection import model_results
 
 if TYPE_CHECKING:
@@ -27,14 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["hyperparameter_table", "score_tables"]
 
 _NOISE = "noise_variance"
-_INPUTS = {
-    "i_avg": "i<sub>avg</sub>",
-    "x_mm": "x",
-    "y_mm": "y",
-    "z_mm": "z",
-    "w_deg": "w",
-    "p_deg": "p",
-}
 _SHORT_UNITS = {"i_avg": "grey levels", "p_norm": ""}
 
 
@@ -83,7 +78,7 @@ def hyperparameter_table(result: DemoResult) -> str:
     )
     rows = [
         [
-            _name(own.model.specification),
+            model_code(own.model.specification.name),
             _hyperparameters(own),
             exact(own.model.summary.log_marginal_likelihood),
             count_cell(own.model.summary.starts),
@@ -119,9 +114,9 @@ def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...])
         specification, inside = own.model.specification, own.unseen.score_inside
         rows.append(
             [
-                _name(specification),
+                model_code(specification.name),
                 escape(_form(specification)),
-                ", ".join(_input(name) for name in specification.inputs),
+                ", ".join(column_name(name) for name in specification.inputs),
                 count_cell(len(own.model.process.y)),
                 *_score_cells(style, own.unseen.score),
                 *(_inside_cells(style, inside) if inside else ("0", "–", "–")),
@@ -137,18 +132,14 @@ def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...])
 def _known_table(target: str, style: _Target, results: tuple[ModelResult, ...]) -> str:
     headings = (Heading(text="model"), *_score_headings(style, "features that trained"))
     rows = [
-        [_name(own.model.specification), *_score_cells(style, own.known.score)] for own in results
+        [model_code(own.model.specification.name), *_score_cells(style, own.known.score)]
+        for own in results
     ]
     caption = (
         f"<b>{style.title} on the observations that trained them.</b> A Gaussian process can pass "
         "through its training data; only unseen features tell how good it is."
     )
     return table(headings, rows, name=f"known-{target}", caption=caption)
-
-
-def _name(specification: ModelSpecification) -> str:
-    """Return a model's name as the paper prints it, and as files and commands write it."""
-    return f"{model_name(specification.name)} <code>{escape(specification.name)}</code>"
 
 
 def _form(specification: ModelSpecification) -> str:
@@ -168,18 +159,18 @@ def _score_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
     coverage = score.coverage_2sigma
     return (
         count_cell(score.n),
-        _percent(score.r2_percent),
+        exact(score.r2_percent, fixed(score.r2_percent, 2)),
         exact(score.mse, number(score.mse)),
         exact(score.rmse, number(style.rmse_factor * score.rmse)),
         exact(score.mae, number(style.rmse_factor * score.mae)),
-        exact(coverage, None if coverage is None else f"{100 * coverage:.1f}"),
+        exact(coverage, fixed(None if coverage is None else 100 * coverage, 1)),
     )
 
 
 def _inside_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
     return (
         count_cell(score.n),
-        _percent(score.r2_percent),
+        exact(score.r2_percent, fixed(score.r2_percent, 2)),
         exact(score.rmse, number(style.rmse_factor * score.rmse)),
     )
 
@@ -203,12 +194,13 @@ def _hyperparameters(result: ModelResult) -> str:
 
 
 def _hyperparameter(symbol: str, value: float, unit: str, note: str) -> str:
-    after = f" {unit}" if unit else ""
-    return f'<span class="item">{symbol} = {exact(value, number(value))}{after}{note}</span>'
+    return (
+        f'<span class="item">{symbol} = {with_unit(exact(value, number(value)), unit)}{note}</span>'
+    )
 
 
 def _symbol(parameter: Parameter, specification: ModelSpecification) -> str:
-    inputs = ", ".join(_input(specification.inputs[column]) for column in parameter.dims)
+    inputs = ", ".join(column_name(specification.inputs[column]) for column in parameter.dims)
     match parameter.quantity:
         case Quantity.VARIANCE:
             return "σ²"
@@ -241,11 +233,3 @@ def _squared(target: str) -> str:
 
 def _short_unit(name: str) -> str:
     return _SHORT_UNITS.get(name, UNITS[name])
-
-
-def _input(name: str) -> str:
-    return f"<i>{_INPUTS[name]}</i>" if name in _INPUTS else escape(name)
-
-
-def _percent(value: float) -> str:
-    return exact(value, f"{value:.2f}".replace("-", "−"))

@@ -16,7 +16,7 @@ from exposight.paper.figure_data import (
     TrainingPositions,
 )
 from exposight.paper.result import DependenceMatrix, LearningCurve
-from exposight.report.markup import escape, figure, image_tag, number
+from exposight.report.markup import escape, figure, fixed, image_tag, model_name, number
 from exposight.report.study.observed_plots import (
     brightness_plot,
     exposure_row_plot,
@@ -34,10 +34,9 @@ from exposight.report.study.predicted_stills import (
 )
 from exposight.report.study.statistics_plots import dependence_plot, learning_plot
 from exposight.report.study.statistics_stills import dependence_still, learning_still
-from exposight.report.study.stills import signed
 from exposight.report.study.surface_plots import surfaces_plot
 from exposight.report.study.surface_stills import surfaces_still
-from exposight.report.study.words import SENSOR_TITLES, measured_in, rung_name
+from exposight.report.study.words import SENSOR_TITLES, measured_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,12 +159,12 @@ def _brightness(number_: int, data: BrightnessCurves) -> DrawnFigure:
         title=f"Quality over brightness, {SENSOR_TITLES[data.sensor]}",
         still=brightness_still(data),
         interactive=brightness_plot(f"figure-{number_}", data),
-        caption=f"All observations of {escape(data.dataset)}; a thin line joins those of one "
-        "view. The quality rises with the brightness, stays, and falls where pixels clip; at one "
-        "brightness it differs between views, so brightness alone cannot tell it. Dotted: the "
+        caption=f"All observations of {escape(data.dataset)}, a panel for each feature; a thin "
+        "line joins those of one view. The quality rises with the brightness, stays, and falls "
+        "where pixels clip; at one brightness it differs between views, so brightness alone "
+        "cannot tell it. Dotted: the "
         f"grey level of {I_AVG_MIN:g} below which the models say 0; dashed: the "
-        f"{P_NORM_MIN:g} from which on exposure-time models learn.{chosen} Click a legend entry to "
-        "hide it.",
+        f"{P_NORM_MIN:g} from which on exposure-time models learn.{chosen}",
     )
 
 
@@ -186,7 +185,7 @@ def _curves(number_: int, data: BestAndWorst) -> DrawnFigure:
         title=f"Best and worst predictions of the {what}",
         still=best_and_worst_still(data),
         interactive="",
-        caption=f"{rung_name(data.rung)} on unseen features in {data.judged} views of one feature "
+        caption=f"{model_name(data.rung)} on unseen features in {data.judged} views of one feature "
         f"each: above the three with the smallest RMSE ({best}), below those with the largest "
         f"({worst}). The line is the mean, the band ±2σ for a new observation. {_OPEN_MARKS}",
     )
@@ -202,7 +201,7 @@ def _surfaces(number_: int, data: PredictionSurfaces) -> DrawnFigure:
         title=f"Predicted {what} over the sensor’s field, {SENSOR_TITLES[data.sensor]}",
         still=surfaces_still(data),
         interactive=surfaces_plot(f"figure-{number_}", data),
-        caption=f"{rung_name(data.rung)}{pose}, at three depths (columns) and three brightnesses "
+        caption=f"{model_name(data.rung)}{pose}, at three depths (columns) and three brightnesses "
         "(rows); the menu changes to 2σ of a new observation. White dots are places where the "
         f"model has learnt near that depth: away from them it extrapolates.{scale} Point at a "
         "place for its numbers.",
@@ -226,7 +225,7 @@ def _row(number_: int, data: ExposureRow) -> DrawnFigure:
         caption=f"Feature {escape(first.feature)} at {len(slopes)} "
         f"{'place' if len(slopes) == 1 else 'places'} along x, with "
         f"<i>p</i><sub>norm</sub> ≥ {P_NORM_MIN:g}, in a row of views with "
-        f"y ≈ {signed(first.y_mm)} and z ≈ {signed(first.z_mm)} mm. "
+        f"y ≈ {fixed(first.y_mm, 0)} and z ≈ {fixed(first.z_mm, 0)} mm. "
         f"At one place the exposure time is proportional to the brightness{spread}.",
     )
 
@@ -265,22 +264,23 @@ def _forecast(number_: int, data: CaptureForecast) -> DrawnFigure:
         interactive="",
         caption=f"The unseen features of view {escape(data.view)} taken at "
         f"{data.exposure_ms:g} ms: where they stood (rings in true size), the exposure time "
-        f"that {rung_name(data.exposure_rung)} gives for the brightness they had, and the quality "
-        f"that {rung_name(data.quality_rung)} expects beside the measured one. Bars are ±2σ; "
+        f"that {model_name(data.exposure_rung)} gives for the brightness they had, and the quality "
+        f"that {model_name(data.quality_rung)} expects beside the measured one. Bars are ±2σ; "
         "orange bars and dotted rings: the pose lies outside the range that trained. "
         f"{_OPEN_MARKS}",
     )
 
 
 def _learning(number_: int, data: LearningCurve) -> DrawnFigure:
-    unit = "%" if data.rung.startswith("q") else "ms"
+    quality = data.rung.startswith("q")
+    unit, what = ("%", "quality") if quality else ("ms", "exposure time")
     inside = " inside the range that trained" if data.role == "test_inside" else ""
     return DrawnFigure(
         number=number_,
-        title=f"Scores over the number of training observations, {data.rung}",
+        title=f"Scores of a model of the {what} over the number of training observations",
         still=learning_still(data, unit),
         interactive=learning_plot(f"figure-{number_}", data, unit),
-        caption=f"{rung_name(data.rung)} trained on growing random shares of its observations, "
+        caption=f"{model_name(data.rung)} trained on growing random shares of its observations, "
         f"judged by unseen features{inside}. Where the lines turn level, more observations of the "
         "same features do not help.",
     )

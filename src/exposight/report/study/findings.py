@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from exposight.report.markup import Heading, escape, exact, number, table
-from exposight.report.study.words import SENSOR_TITLES
+from exposight.report.markup import Heading, exact, number, table, with_unit
+from exposight.report.study.words import SENSOR_TITLES, prose
 
 if TYPE_CHECKING:
     from exposight.paper.result import Finding, SensorKind, StudyResult
@@ -59,8 +59,8 @@ def _sensor_table(result: StudyResult, sensor: SensorKind) -> str:
 def _row(own: Finding) -> list[str]:
     return [
         _verdict(own),
-        escape(own.statement) + _under(own.source) + _under(own.explanation),
-        escape(own.measure),
+        prose(own.statement) + _under(own.source) + _under(own.explanation),
+        prose(own.measure),
         _figure(own.figure, own.unit),
         _figure(own.paper_figure, own.unit),
         f"{own.comparison} {_figure(own.threshold, own.unit)}{_under(own.reason)}",
@@ -77,8 +77,8 @@ def _verdict(own: Finding) -> str:
 def _figure(value: float | None, unit: str) -> str:
     if value is None:
         return exact(None)
-    return exact(value, number(value)) + (f" {escape(unit)}" if unit else "")
+    return with_unit(exact(value, number(value)), unit)
 
 
 def _under(text: str) -> str:
-    return f'<span class="under">{escape(text)}</span>' if text else ""
+    return f'<span class="under">{prose(text)}</span>' if text else ""

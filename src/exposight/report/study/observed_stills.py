@@ -8,8 +8,10 @@ import numpy as np
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.report.colours import MUTED
-from exposight.report.study.palette import feature_order, feature_style
-from exposight.report.study.stills import draw_still, label_panel, plain_axes, signed
+from exposight.report.markup import fixed
+from exposight.report.quantities import axis_math, column_math
+from exposight.report.study.palette import feature_order, feature_style, place_styles
+from exposight.report.study.stills import draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["brightness_still", "exposure_row_still", "positions_still"]
 
 _COLUMNS = 2
-_LINES = ("-", "--", "-.", ":")
 
 
 def brightness_still(data: BrightnessCurves) -> Still:
@@ -65,7 +66,7 @@ def _brightness_panel(axes: Axes, curves: list[ObservedCurve]) -> None:
     axes.axhline(P_NORM_MIN, color=MUTED, linewidth=0.9, linestyle="--")
     axes.set_xlim(0, 258)
     axes.set_ylim(-0.04, None)
-    plain_axes(axes, "$i_{avg}$ (grey level 0–255)", "$p_{norm}$ (1)")
+    plain_axes(axes, axis_math("i_avg"), axis_math("p_norm"))
     label_panel(
         axes, f"{curves[0].feature}, radius {curves[0].radius_mm:.3g} mm, {len(curves)} views"
     )
@@ -78,29 +79,28 @@ def exposure_row_still(data: ExposureRow) -> Still:
         axes = figure.subplots()
         # Name and curve in the order in which they end, so that lines and legend read alike.
         ordered = sorted(data.curves, key=lambda own: -own.slope_ms)
-        for index, curve in enumerate(ordered):
+        for curve, place in zip(ordered, place_styles(len(ordered)), strict=True):
             style = feature_style(curve.feature)
             grey = np.array([0.0, float(curve.i_avg.max())])
-            line = _LINES[index % len(_LINES)]
-            axes.plot(grey, curve.slope_ms * grey, color=MUTED, linewidth=0.8, linestyle=line)
+            axes.plot(grey, curve.slope_ms * grey, color=MUTED, linewidth=0.8, linestyle=place.line)
             axes.plot(
                 curve.i_avg,
                 curve.exposure_ms,
                 color=style.colour,
-                alpha=1.0 - 0.7 * index / max(1, len(ordered)),
+                alpha=place.opacity,
                 marker=style.mark,
                 markersize=4.5,
-                linestyle=line,
-                label=f"x = {signed(curve.x_mm)} mm: {curve.slope_ms:.3g} ms per grey level",
+                linestyle=place.line,
+                label=f"x = {fixed(curve.x_mm, 0)} mm: {curve.slope_ms:.3g} ms per grey level",
             )
         axes.set_xlim(0, None)
         axes.set_ylim(0, None)
-        plain_axes(axes, "$i_{avg}$ (grey level 0–255)", "$t_{exp}$ (ms)")
+        plain_axes(axes, axis_math("i_avg"), axis_math("exposure_ms"))
         first = ordered[0]
         label_panel(
             axes,
-            f"{first.feature}, y ≈ {signed(first.y_mm)} mm, z ≈ {signed(first.z_mm)} mm, "
-            f"$p_{{norm}}$ ≥ {P_NORM_MIN:g}",
+            f"{first.feature}, y ≈ {fixed(first.y_mm, 0)} mm, z ≈ {fixed(first.z_mm, 0)} mm, "
+            f"{column_math('p_norm')} ≥ {P_NORM_MIN:g}",
         )
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
 
@@ -126,8 +126,8 @@ def positions_still(data: TrainingPositions) -> Still:
             }
             front.scatter(x, y, **dots)
             side.scatter(z, x, **dots)
-        plain_axes(front, "$x_{tcp}$ (mm)", "$y_{tcp}$ (mm)")
-        plain_axes(side, "$z_{tcp}$ (mm)", "$x_{tcp}$ (mm)")
+        plain_axes(front, axis_math("x_mm"), axis_math("y_mm"))
+        plain_axes(side, axis_math("z_mm"), axis_math("x_mm"))
         for axes in (front, side):
             axes.axhline(0, color=MUTED, linewidth=0.8)
             axes.axvline(0, color=MUTED, linewidth=0.8)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = ["FeatureStyle", "feature_order", "feature_style"]
+__all__ = ["FeatureStyle", "PlaceStyle", "feature_order", "feature_style", "place_styles"]
 
 _TRAINING = (
     "#0072b2", "#d55e00", "#009e73", "#aa3377", "#8c6d00", "#332288", "#117a8b", "#882255",
@@ -28,6 +28,8 @@ _MARKS = (
     ("p", "pentagon"),
     ("*", "star"),
 )
+_LINES = (("-", "solid"), ("--", "dash"), ("-.", "dashdot"), (":", "dot"))
+_PALEST = 0.45
 _NAME = re.compile(r"f(\d+)(_test|_out)?")
 _COLOURS = {"": _TRAINING, "_test": _UNSEEN, "_out": _OUTSIDE}
 
@@ -52,6 +54,37 @@ class FeatureStyle:
     mark: str
     symbol: str
     filled: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceStyle:
+    """How one of several places of the same feature is drawn, in the feature's colour.
+
+    Parameters
+    ----------
+    line : str
+        Matplotlib's name of its line.
+    dash : str
+        Plotly's.
+    opacity : float
+        1 for the first place, less for each that follows.
+    """
+
+    line: str
+    dash: str
+    opacity: float
+
+
+def place_styles(count: int) -> list[PlaceStyle]:
+    """Return the styles of so many places, in their order."""
+    return [
+        PlaceStyle(
+            line=_LINES[index % len(_LINES)][0],
+            dash=_LINES[index % len(_LINES)][1],
+            opacity=1.0 - (1.0 - _PALEST) * index / max(1, count - 1),
+        )
+        for index in range(count)
+    ]
 
 
 def feature_style(name: str) -> FeatureStyle:

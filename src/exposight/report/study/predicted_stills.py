@@ -9,8 +9,10 @@ from matplotlib.patches import Circle
 
 from exposight.models import P_NORM_MIN
 from exposight.report.colours import ACCENT, INK, MUTED, OUTSIDE
+from exposight.report.markup import fixed
+from exposight.report.quantities import axis_math, column_math
 from exposight.report.study.palette import feature_order, feature_style
-from exposight.report.study.stills import draw_still, label_panel, plain_axes, signed
+from exposight.report.study.stills import draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,13 +41,12 @@ def kernel_still(data: KernelExamples) -> Still:
             axes.fill_between(
                 own.x, own.mean - 2 * own.std, own.mean + 2 * own.std, label="±2σ", **_BAND
             )
-            axes.plot(own.x, own.truth, color=INK, linestyle="--", label="x·sin(2πx)")
+            axes.plot(own.x, own.truth, color=INK, linestyle="--", label="truth, x·sin(2πx)")
             axes.plot(own.x, own.mean, color=ACCENT, label="mean")
             axes.plot(own.x_train, own.y_train, "o", color=INK, markersize=4, label="observed")
             plain_axes(axes, "x (1)", "f(x) (1)")
             label_panel(axes, own.kernel)
             axes.label_outer()
-        panels[0].set_ylim(-2.2, 2.2)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
     return draw_still(7.2, 3.0, draw)
@@ -100,9 +101,7 @@ def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
         markeredgewidth=1.4,
         label="observed, unseen feature",
     )
-    plain_axes(
-        axes, "$i_{avg}$ (grey level 0–255)", "$p_{norm}$ (1)" if quality else "$t_{exp}$ (ms)"
-    )
+    plain_axes(axes, axis_math("i_avg"), axis_math(data.target))
     if quality:
         axes.set_xlim(0, 255)
         axes.set_xticks(range(0, 256, 50))
@@ -114,7 +113,7 @@ def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
     axes.text(
         0.03,
         0.97,
-        f"x {signed(seen.x_mm)}, y {signed(seen.y_mm)}, z {signed(seen.z_mm)} mm\n"
+        f"x {fixed(seen.x_mm, 0)}, y {fixed(seen.y_mm, 0)}, z {fixed(seen.z_mm, 0)} mm\n"
         f"RMSE {rmse}, {own.covered} of {len(seen.i_avg)} within 2σ",
         transform=axes.transAxes,
         va="top",
@@ -131,7 +130,7 @@ def forecast_still(data: CaptureForecast) -> Still:
         place, time, quality = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
         for own in features:
             _place(place, own)
-        plain_axes(place, "$x_{tcp}$ (mm)", "$y_{tcp}$ (mm)")
+        plain_axes(place, axis_math("x_mm"), axis_math("y_mm"))
         place.margins(0.25)
         place.set_aspect("equal", adjustable="datalim")
         place.invert_yaxis()
@@ -139,7 +138,7 @@ def forecast_still(data: CaptureForecast) -> Still:
         rows = np.arange(len(features))
         _bars(time, features, [(own.exposure_mean_ms, own.exposure_std_ms) for own in features])
         time.axvline(data.exposure_ms, color=INK, linestyle="--", linewidth=1.0)
-        plain_axes(time, "$t_{exp}$ (ms)", "")
+        plain_axes(time, axis_math("exposure_ms"), "")
         label_panel(time, f"dashed: true, {data.exposure_ms:g} ms")
         _bars(quality, features, [(own.p_norm_mean, own.p_norm_std) for own in features])
         for row, own in zip(rows, features, strict=True):
@@ -148,7 +147,7 @@ def forecast_still(data: CaptureForecast) -> Still:
                 own.p_norm, row, style.mark, color=style.colour, markersize=6, zorder=4,
                 markerfacecolor="white", markeredgewidth=1.5,
             )  # fmt: skip
-        plain_axes(quality, "$p_{norm}$ (1)", "")
+        plain_axes(quality, axis_math("p_norm"), "")
         label_panel(quality, "measured: open marks")
         time.set_yticks(rows, [_row_name(own) for own in features])
         quality.set_yticks(rows, ["" for _ in rows])
@@ -159,8 +158,8 @@ def forecast_still(data: CaptureForecast) -> Still:
 
 
 def _row_name(own: FeatureForecast) -> str:
-    note = "" if own.p_norm >= P_NORM_MIN else f"\n$p_{{norm}}$ < {P_NORM_MIN:g}"
-    return f"{own.feature}\n$i_{{avg}}$ {own.i_avg:.0f}{note}"
+    note = "" if own.p_norm >= P_NORM_MIN else f"\n{column_math('p_norm')} < {P_NORM_MIN:g}"
+    return f"{own.feature}\n{column_math('i_avg')} {own.i_avg:.0f}{note}"
 
 
 def _place(axes: Axes, own: FeatureForecast) -> None:

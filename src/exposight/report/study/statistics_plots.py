@@ -8,10 +8,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from exposight.report.colours import ACCENT, OUTSIDE, plotly_scale
+from exposight.report.colours import ACCENT, INK, plotly_scale
 from exposight.report.plots import axis, layout, plot
+from exposight.report.quantities import column_name
 from exposight.report.study.statistics_stills import DEPENDENCE_SCALE
-from exposight.report.study.words import column_name
 
 if TYPE_CHECKING:
     from exposight.paper.result import DependenceMatrix, LearningCurve
@@ -65,7 +65,7 @@ def learning_plot(name: str, data: LearningCurve, unit: str) -> str:
     drawing = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
     panels = (
         ("R²", "%", r2, ACCENT, "circle"),
-        ("RMSE", unit, rmse, OUTSIDE, "square"),
+        ("RMSE", unit, rmse, INK, "square"),
     )
     for column, (score, its_unit, values, colour, symbol) in enumerate(panels, start=1):
         drawing.add_scatter(

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from matplotlib.colors import LinearSegmentedColormap
 
-from exposight.report.colours import ACCENT, OUTSIDE
+from exposight.report.colours import ACCENT, INK
+from exposight.report.quantities import column_math
 from exposight.report.study.stills import draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
@@ -18,24 +19,12 @@ if TYPE_CHECKING:
 __all__ = ["DEPENDENCE_SCALE", "dependence_still", "learning_still"]
 
 DEPENDENCE_SCALE = ("#ffffff", "#cfe3e7", "#7db4bf", "#2f8494", "#0b4957")
-_MATH = {
-    "p_norm": "$p_{norm}$",
-    "exposure_ms": "$t_{exp}$",
-    "i_avg": "$i_{avg}$",
-    "x_mm": "$x_{tcp}$",
-    "y_mm": "$y_{tcp}$",
-    "z_mm": "$z_{tcp}$",
-    "w_deg": "$w_{tcp}$",
-    "p_deg": "$p_{tcp}$",
-    "r_deg": "$r_{tcp}$",
-    "radius_mm": "$r_f$",
-}
 _DARK = 0.55
 
 
 def dependence_still(data: DependenceMatrix) -> Still:
     """Draw the matrix of maximal information coefficients with their values (Fig. 20)."""
-    names = [_MATH.get(name, name) for name in data.columns]
+    names = [column_math(name) for name in data.columns]
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -51,7 +40,7 @@ def dependence_still(data: DependenceMatrix) -> Still:
                 value = float(data.values[row, column])
                 axes.text(
                     column, row, f"{value:.2f}", ha="center", va="center", fontsize=7.5,
-                    color="white" if value > _DARK else "#1d2733",
+                    color="white" if value > _DARK else INK,
                 )  # fmt: skip
         figure.colorbar(image, label="maximal information coefficient (1)", shrink=0.8)
 
@@ -76,7 +65,7 @@ def learning_still(data: LearningCurve, unit: str) -> Still:
         fit.plot(numbers, [s.score.r2_percent for s in data.steps], "o-", color=ACCENT)
         plain_axes(fit, "training observations", "R² (%)")
         label_panel(fit, f"{data.rung}: R² on unseen features")
-        error.plot(numbers, [factor * s.score.rmse for s in data.steps], "s-", color=OUTSIDE)
+        error.plot(numbers, [factor * s.score.rmse for s in data.steps], "s-", color=INK)
         plain_axes(error, "training observations", f"RMSE ({unit})")
         label_panel(error, f"{data.rung}: RMSE on unseen features")
         fit.set_ylim(min(0.0, *(s.score.r2_percent for s in data.steps)), 102)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-__all__ = ["Still", "draw_still", "label_panel", "plain_axes", "signed"]
+__all__ = ["Still", "draw_still", "label_panel", "plain_axes"]
 
 _DPI = 200
 _SVG_DPI = 100
@@ -114,8 +114,3 @@ def plain_axes(axes: Axes, x: str, y: str) -> None:
 def label_panel(axes: Axes, text: str) -> None:
     """Put a panel's name above it, at its left."""
     axes.set_title(text, loc="left", color=ACCENT, fontweight="bold")
-
-
-def signed(value: float) -> str:
-    """Spell a whole number with a true minus."""
-    return f"{round(value) + 0:d}".replace("-", "−")

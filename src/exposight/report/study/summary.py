@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from exposight.report.cards import Card, Key, cards
-from exposight.report.markup import escape, exact, number
+from exposight.report.markup import exact, fixed, model_name, number
 from exposight.report.study.findings import findings_told
-from exposight.report.study.words import rung_name
+from exposight.report.study.words import prose
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,7 +67,7 @@ def _rmse_key(row: ScoreRow) -> Key:
     return Key(
         value=exact(row.rmse, number(row.rmse)),
         unit=row.unit,
-        meaning=f"{rung_name(row.rung)}{paper}",
+        meaning=f"{model_name(row.rung)}{paper}",
     )
 
 
@@ -126,7 +126,7 @@ def _splits(result: StudyResult) -> Iterator[str]:
         yield (
             "The paper splits training and validation at random over observations, so near copies "
             "of one view fall on both sides. Split by whole views instead, "
-            f"{rung_name('e_k6')}’s validation RMSE is {exact(second.rmse, number(second.rmse))} "
+            f"{model_name('e_k6')}’s validation RMSE is {exact(second.rmse, number(second.rmse))} "
             f"ms where the random split says {exact(first.rmse, number(first.rmse))} ms: only "
             "unseen features and views tell."
         )
@@ -134,7 +134,7 @@ def _splits(result: StudyResult) -> Iterator[str]:
 
 def _coverage(result: StudyResult) -> Iterator[str]:
     said = [
-        f"{rung_name(rung)} {exact(share, f'{share:.1f}')} %"
+        f"{model_name(rung)} {exact(share, fixed(share, 1))} %"
         for rung, role in (("q_k4", "test"), ("e_k6", "test_inside"))
         for row in _rows(result, rung, role)
         if (share := row.coverage_2sigma_percent) is not None
@@ -149,8 +149,8 @@ def _coverage(result: StudyResult) -> Iterator[str]:
 def _failures(result: StudyResult) -> Iterator[str]:
     failed = [own for own in result.findings if own.holds is False]
     if failed:
-        statements = "".join(f"<li>{escape(own.statement)}</li>" for own in failed)
+        statements = "".join(f"<li>{prose(own.statement)}</li>" for own in failed)
         yield (
             'Statements of the paper that do not hold here (<a href="#s2">Findings</a> has their '
-            f"figures, and causes where they were found): <ul>{statements}</ul>"
+            f'figures, and causes where they were found): <ul class="columns">{statements}</ul>'
         )

@@ -8,11 +8,10 @@ import numpy as np
 from plotly.subplots import make_subplots
 
 from exposight.report.colours import EXPOSURE_SCALE, P_NORM_SCALE, plotly_scale
-from exposight.report.markup import escape
+from exposight.report.markup import escape, fixed
 from exposight.report.plots import Choice, axis, choices, layout, plot
-from exposight.report.study.stills import signed
+from exposight.report.quantities import axis_title, column_name
 from exposight.report.study.surface_stills import SPREAD_SCALE
-from exposight.report.study.words import column_name
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -44,7 +43,7 @@ def _drawing(data: PredictionSurfaces) -> go.Figure:
         shared_yaxes=True,
         horizontal_spacing=0.02,
         vertical_spacing=_GAP,
-        column_titles=[f"z = {signed(depth)} mm" for depth in data.z_mm],
+        column_titles=[f"z = {fixed(depth, 0)} mm" for depth in data.z_mm],
         row_titles=[f"<b>{column_name('i_avg')} = {grey:.0f}</b>" for grey in data.i_avg],
     )
     for row in range(rows):
@@ -54,9 +53,8 @@ def _drawing(data: PredictionSurfaces) -> go.Figure:
     drawing.update_xaxes(axis("", showgrid=False, range=[data.x_mm[0], data.x_mm[-1]]))
     # y points down in the camera's frame
     drawing.update_yaxes(axis("", showgrid=False, range=[data.y_mm[-1], data.y_mm[0]]))
-    drawing.update_xaxes(title_text=f"{column_name('x_mm')} (mm)", row=rows)
-    drawing.update_yaxes(title_text=f"{column_name('y_mm')} (mm)", col=1)
-    # The rows' names stand at the left of the colour bars, not upright in them.
+    drawing.update_xaxes(title_text=axis_title("x_mm"), row=rows)
+    drawing.update_yaxes(title_text=axis_title("y_mm"), col=1)
     drawing.for_each_annotation(lambda own: own.update(font={"size": 13}))
     return drawing
 
@@ -80,9 +78,10 @@ def _add_panel(drawing: go.Figure, data: PredictionSurfaces, row: int, column: i
         (0.0, 1.0) if quality else (float(data.mean[row].min()), float(data.mean[row].max()))
     )
     widest = float(2 * (data.std.max() if quality else data.std[row].max()))
-    for key, values, colours, limits in (
-        ("mean", mean, scale, (low, high)),
-        ("spread", spread, SPREAD_SCALE, (0.0, widest)),
+    named = axis_title(data.target)
+    for key, values, colours, limits, title in (
+        ("mean", mean, scale, (low, high), named),
+        ("spread", spread, SPREAD_SCALE, (0.0, widest), f"2σ of {named}"),
     ):
         drawing.add_heatmap(
             x=data.x_mm.astype(np.float32),
@@ -94,7 +93,7 @@ def _add_panel(drawing: go.Figure, data: PredictionSurfaces, row: int, column: i
             zmax=limits[1],
             zsmooth="best",
             showscale=column == len(data.z_mm) - 1,
-            colorbar=bar,
+            colorbar={**bar, "title": {"text": title, "side": "top"}},
             meta=key,
             visible=key == "mean",
             hovertemplate=_hint(key, unit),

@@ -10,7 +10,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from exposight.report.colours import EXPOSURE_SCALE, INK, P_NORM_SCALE
-from exposight.report.study.stills import draw_still, signed
+from exposight.report.markup import fixed
+from exposight.report.quantities import axis_math
+from exposight.report.study.stills import draw_still
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,9 +47,8 @@ def _block(
     figure: Figure, data: PredictionSurfaces, values: NDArray[np.float64], *, is_spread: bool
 ) -> None:
     quality = data.target == "p_norm"
-    what, unit = ("$p_{norm}$", "1") if quality else ("$t_{exp}$", "ms")
     figure.suptitle(
-        f"2σ of a new observation's {what} ({unit})" if is_spread else f"mean {what} ({unit})"
+        f"{'2σ of a new observation’s' if is_spread else 'mean'} {axis_math(data.target)}"
     )
     scale = SPREAD_SCALE if is_spread else P_NORM_SCALE if quality else EXPOSURE_SCALE
     colours = LinearSegmentedColormap.from_list("own", scale)
@@ -71,11 +72,11 @@ def _block(
             axes.set(xlim=extent[:2], ylim=extent[2:])
             axes.yaxis.set_major_locator(MaxNLocator(4))
             if row == 0:
-                axes.set_title(f"z = {signed(depth)} mm")
+                axes.set_title(f"z = {fixed(depth, 0)} mm")
             if row == len(data.i_avg) - 1:
-                axes.set_xlabel("$x_{tcp}$ (mm)")
+                axes.set_xlabel(axis_math("x_mm"))
             if column == 0:
-                axes.set_ylabel(f"$\\bf{{i_{{avg}} = {grey:.0f}}}$\n$y_{{tcp}}$ (mm)")
+                axes.set_ylabel(f"$\\bf{{i_{{avg}} = {grey:.0f}}}$\n{axis_math('y_mm')}")
         figure.colorbar(drawn, ax=panels[row, :], shrink=0.9, pad=0.02, aspect=14)
 
 

@@ -5,8 +5,19 @@ from __future__ import annotations
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from exposight.report.markup import Heading, count_cell, escape, exact, number, table
-from exposight.report.study.words import column_name, rung_code
+from exposight.models import UNITS
+from exposight.report.markup import (
+    Heading,
+    count_cell,
+    escape,
+    exact,
+    fixed,
+    model_code,
+    number,
+    table,
+    with_unit,
+)
+from exposight.report.quantities import column_name
 
 if TYPE_CHECKING:
     from exposight.paper.result import (
@@ -32,48 +43,58 @@ _ROLES = {
     "test_inside": "unseen, inside",
     "extended": "",
 }
+_SQUARED = {"%": "1", "ms": "ms²"}
+"""Unit of the MSE, by that of the RMSE: percent is of p_norm's full scale 1."""
+_TARGETS = {"%": "quality", "ms": "exposure-time"}
+"""What a score is of, by the unit of its RMSE."""
+_FULL_SCALE = (
+    f" RMSE and MAE of {column_name('p_norm')} are in percent of full scale, its MSE is in squares "
+    "of full scale."
+)
 _RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-_UNITS = {
-    "p_norm": "1",
-    "i_avg": "0–255",
-    "exposure_ms": "ms",
-    "x_mm": "mm",
-    "y_mm": "mm",
-    "z_mm": "mm",
-    "w_deg": "°",
-    "p_deg": "°",
-}
+_SHORT_UNITS = {**UNITS, "i_avg": "0–255"}
 
 
 def score_tables(result: StudyResult) -> str:
     """Return Tables 2 to 6, as far as the study has them."""
     numbers = sorted({row.table for row in result.tables.scores})
     return "".join(
-        _score_table(own, [row for row in result.tables.scores if row.table == own])
+        _score_tables_of(own, [row for row in result.tables.scores if row.table == own])
         for own in numbers
     )
 
 
-def _score_table(number_: int, rows: list[ScoreRow]) -> str:
-    units = {row.unit for row in rows}
-    one_unit = units.pop() if len(units) == 1 else ""
+def _score_tables_of(number_: int, rows: list[ScoreRow]) -> str:
+    """Return one of the paper's tables, in two where it has models of both targets."""
+    units = list(dict.fromkeys(row.unit for row in rows))
+    parts = []
+    for unit in units:
+        name, title = f"table-{number_}", f"Table {number_}. {_TITLES.get(number_, '')}"
+        if len(units) > 1:
+            name, title = f"{name}-{_TARGETS[unit]}", f"{title}: {_TARGETS[unit].replace('-', ' ')}"
+        own = [row for row in rows if row.unit == unit]
+        parts.append(_score_table(own, unit, name=name, title=title))
+    return "".join(parts)
+
+
+def _score_table(rows: list[ScoreRow], unit: str, *, name: str, title: str) -> str:
     relative = any(row.relative_error_percent is not None for row in rows)
     shown = []
     before = ""
     for row in rows:
         first = row.rung != before
         before = row.rung
-        shown.append(_score_cells(row, first=first, with_unit=not one_unit, relative=relative))
+        shown.append(_score_cells(row, first=first, relative=relative))
     caption = (
-        f"<b>Table {number_}. {_TITLES.get(number_, '')}.</b> Ours, the paper’s, and ours less the "
+        f"<b>{title}.</b> Ours, the paper’s, and ours less the "
         "paper’s (Δ). 1σ and 2σ: the share of observations within one and two predicted standard "
-        "deviations; 68.3 and 95.4 % is right. RMSE and MAE of <i>p</i><sub>norm</sub> in percent "
-        f"of full scale.{_by_view_note(rows)}"
+        "deviations; 68.3 and 95.4 % is right."
+        f"{_FULL_SCALE if unit == '%' else ''}{_by_view_note(rows)}"
     )
     return table(
-        _score_headings(one_unit, relative=relative),
+        _score_headings(unit, relative=relative),
         shown,
-        name=f"table-{number_}",
+        name=name,
         caption=caption,
     )
 
@@ -88,52 +109,46 @@ def _by_view_note(rows: list[ScoreRow]) -> str:
 
 
 def _score_headings(unit: str, *, relative: bool) -> tuple[Heading, ...]:
-    after = f", {unit}" if unit else ""
     return (
         Heading(text="model, trained on", is_text=True),
         Heading(text="judged by", is_text=True),
         Heading(text="<i>n</i>"),
         *(Heading(text=text, group="R², %") for text in ("ours", "paper", "Δ")),
-        *(Heading(text=text, group=f"RMSE{after}") for text in ("ours", "paper", "Δ")),
-        *(Heading(text=text, group="MSE") for text in ("ours", "paper")),
-        Heading(text=f"MAE{after}", group="ours only"),
+        *(Heading(text=text, group=f"RMSE, {unit}") for text in ("ours", "paper", "Δ")),
+        *(Heading(text=text, group=f"MSE, {_SQUARED[unit]}") for text in ("ours", "paper")),
+        Heading(text=f"MAE, {unit}", group="ours only"),
         *([Heading(text="rel. error, %", group="ours only")] if relative else []),
         Heading(text="1σ, %", group="ours only"),
         Heading(text="2σ, %", group="ours only"),
     )
 
 
-def _score_cells(row: ScoreRow, *, first: bool, with_unit: bool, relative: bool) -> list[str]:
-    unit = f" {row.unit}" if with_unit else ""
+def _score_cells(row: ScoreRow, *, first: bool, relative: bool) -> list[str]:
     model = (
-        f'{rung_code(row.rung)}<span class="under">{escape(row.trained_on)}, '
+        f'{model_code(row.rung)}<span class="under">{escape(row.trained_on)}, '
         f"{count_cell(row.n_train)}</span>"
     )
     return [
         model if first else "",
         _judged_by(row),
         count_cell(row.n),
-        exact(row.r2_percent, _fixed(row.r2_percent, 1)),
-        exact(row.paper_r2_percent, _fixed(row.paper_r2_percent, 1)),
-        exact(row.r2_difference, _difference(row.r2_difference, 1)),
-        _with_unit(row.rmse, unit),
-        _with_unit(row.paper_rmse, unit),
-        exact(row.rmse_difference, _difference(row.rmse_difference, 2)),
+        exact(row.r2_percent, fixed(row.r2_percent, 1)),
+        exact(row.paper_r2_percent, fixed(row.paper_r2_percent, 1)),
+        exact(row.r2_difference, fixed(row.r2_difference, 1, signed=True)),
+        exact(row.rmse, number(row.rmse)),
+        exact(row.paper_rmse, number(row.paper_rmse)),
+        exact(row.rmse_difference, fixed(row.rmse_difference, 2, signed=True)),
         exact(row.mse, number(row.mse)),
         exact(row.paper_mse, number(row.paper_mse)),
-        _with_unit(row.mae, unit),
+        exact(row.mae, number(row.mae)),
         *(
-            [exact(row.relative_error_percent, _fixed(row.relative_error_percent, 1))]
+            [exact(row.relative_error_percent, fixed(row.relative_error_percent, 1))]
             if relative
             else []
         ),
-        exact(row.coverage_1sigma_percent, _fixed(row.coverage_1sigma_percent, 1)),
-        exact(row.coverage_2sigma_percent, _fixed(row.coverage_2sigma_percent, 1)),
+        exact(row.coverage_1sigma_percent, fixed(row.coverage_1sigma_percent, 1)),
+        exact(row.coverage_2sigma_percent, fixed(row.coverage_2sigma_percent, 1)),
     ]
-
-
-def _with_unit(value: float | None, unit: str) -> str:
-    return exact(value, None if value is None else f"{number(value)}{unit}")
 
 
 def _judged_by(row: ScoreRow) -> str:
@@ -141,18 +156,12 @@ def _judged_by(row: ScoreRow) -> str:
     name = "" if row.role == "validation_by_view" else f"<code>{escape(row.dataset)}</code> "
     words = _ROLES[row.role] or escape(row.dataset)
     name = name if _ROLES[row.role] else ""
-    return f'{words}<span class="under">{name}{escape(row.features)}</span>'
+    return f'{words}<span class="under">{name}{_features(row.features)}</span>'
 
 
-def _fixed(value: float | None, digits: int) -> str:
-    """Return a number with so many digits behind the point; 0 never has a sign."""
-    return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
-
-
-def _difference(value: float | None, digits: int) -> str:
-    if value is None:
-        return "–"
-    return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
+def _features(told: str) -> str:
+    """Return features such as f1-4_test, with the dash that means to."""
+    return escape(told).replace("-", "–")
 
 
 def hyperparameter_table(result: StudyResult) -> str:
@@ -167,7 +176,7 @@ def hyperparameter_table(result: StudyResult) -> str:
         own = list(group)
         rows.append(
             [
-                rung_code(rung),
+                model_code(rung),
                 " ".join(_hyperparameter(one, one.value, one.at_bound) for one in own),
                 " ".join(
                     _hyperparameter(one, one.paper_value, False)
@@ -188,10 +197,9 @@ def hyperparameter_table(result: StudyResult) -> str:
 
 def _hyperparameter(row: HyperparameterRow, value: float | None, at_bound: bool) -> str:
     of = f"({column_name(row.input)})" if row.input else ""
-    unit = f" {escape(row.unit)}" if row.unit else ""
     note = " <b>†</b>" if at_bound else ""
-    shown = exact(value, number(value))
-    return f'<span class="item">{escape(row.symbol)}{of} = {shown}{unit}{note}</span>'
+    shown = with_unit(exact(value, number(value)), row.unit)
+    return f'<span class="item">{escape(row.symbol)}{of} = {shown}{note}</span>'
 
 
 def dataset_table(result: StudyResult) -> str:
@@ -202,7 +210,7 @@ def dataset_table(result: StudyResult) -> str:
         Heading(text="views"),
         Heading(text="<i>n</i>"),
         Heading(text="train"),
-        *(Heading(text=f"{column_name(name)}, {_UNITS[name]}") for name in _RANGES),
+        *(Heading(text=f"{column_name(name)}, {_SHORT_UNITS[name]}") for name in _RANGES),
     )
     rows = [_dataset_cells(row) for row in result.tables.datasets]
     caption = (
@@ -216,7 +224,7 @@ def dataset_table(result: StudyResult) -> str:
 def _dataset_cells(row: DatasetRow) -> list[str]:
     return [
         escape(row.dataset),
-        f'{escape(row.features)}<span class="under">{row.n_features} seen</span>',
+        f'{_features(row.features)}<span class="under">{row.n_features} seen</span>',
         count_cell(row.n_views),
         _pair(_count(row.n), _count(row.paper_n)),
         _pair(_count(row.n_train), _count(row.paper_n_train)),

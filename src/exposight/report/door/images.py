@@ -8,18 +8,16 @@ import cv2
 import numpy as np
 
 from exposight.report.colours import P_NORM_SCALE, scale_rgb
-from exposight.report.door_words import exposure_title, share
+from exposight.report.door.words import exposure_title
 from exposight.report.images import (
-    blend,
     jpeg,
     marked_legend,
     marked_picture,
-    mask_edge,
     p_norm_legend,
     png,
     zoomable,
 )
-from exposight.report.markup import escape, figure, image_tag, number
+from exposight.report.markup import escape, figure, fixed, image_tag, number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,10 +28,16 @@ __all__ = ["close_figure", "frame_figure"]
 
 _FRAME_WIDTH_PX = 1000
 _RING_WIDTH_PX = 9
-_EDGE_OPACITY = 0.9
+_HALO_WIDTH_PX = 17
+"""White round the rings, so that a dark colour shows on a dark sheet."""
 _MARGIN_PX = 14
 _CLOSE_PX = 340
+_HALF = 127
+_LINE_PX = 2
+_CLOSE_HALO_PX = 5
 _FONT = cv2.FONT_HERSHEY_DUPLEX
+_FONT_SCALE = 0.95
+"""Still read where three frames stand side by side, at a third of their width."""
 
 
 def frame_figure(number_: int, result: DoorResult) -> str:
@@ -71,19 +75,25 @@ def framed_picture(view: NewView, index: int) -> NDArray[np.uint8]:
     """
     picture = marked_picture(view.captures[index])
     factor = _FRAME_WIDTH_PX / picture.shape[1]
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_RING_WIDTH_PX, _RING_WIDTH_PX))
+    halo, wide = (
+        cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+        for width in (_HALO_WIDTH_PX, _RING_WIDTH_PX)
+    )
     for seen, p_norm in zip(view.views, view.p_norm[:, index], strict=True):
         ring: NDArray[np.uint8] = np.zeros(picture.shape[:2], dtype=np.uint8)
         ring[seen.rows, seen.columns] = 1
-        picture[cv2.dilate(ring, kernel) > 0] = scale_rgb(P_NORM_SCALE, p_norm).astype(np.uint8)
+        picture[cv2.dilate(ring, halo) > 0] = 255
+        picture[cv2.dilate(ring, wide) > 0] = scale_rgb(P_NORM_SCALE, p_norm).astype(np.uint8)
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     for seen in view.views:
         place = (
-            int(factor * seen.columns.max()) + 4,
-            int(factor * seen.rows.mean()) + 5,
+            int(factor * seen.columns.max()) + 8,
+            int(factor * seen.rows.mean()) + 9,
         )
-        for colour, thickness in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-            cv2.putText(small, seen.feature.name, place, _FONT, 0.6, colour, thickness, cv2.LINE_AA)
+        for colour, thickness in (((0, 0, 0), 6), ((255, 255, 255), 2)):
+            cv2.putText(
+                small, seen.feature.name, place, _FONT, _FONT_SCALE, colour, thickness, cv2.LINE_AA
+            )
     return np.asarray(small, dtype=np.uint8)
 
 
@@ -119,20 +129,24 @@ def close_picture(
     reach = int(max(np.ptp(seen.rows), np.ptp(seen.columns))) // 2 + _MARGIN_PX
     row, column = int(seen.rows.mean()), int(seen.columns.mean())
     top, left = max(row - reach, 0), max(column - reach, 0)
-    picture = whole[top : row + reach + 1, left : column + reach + 1].astype(np.float64)
-    edge = mask_edge(seen.rows, seen.columns)
-    colour = scale_rgb(P_NORM_SCALE, view.p_norm[feature, index])
-    blend(picture, seen.rows[edge] - top, seen.columns[edge] - left, colour, _EDGE_OPACITY)
+    picture = whole[top : row + reach + 1, left : column + reach + 1]
+    ring: NDArray[np.uint8] = np.zeros(picture.shape[:2], dtype=np.uint8)
+    ring[seen.rows - top, seen.columns - left] = 1
     size = (_CLOSE_PX, round(_CLOSE_PX * picture.shape[0] / picture.shape[1]))
-    pixels = np.rint(picture).astype(np.uint8)
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_NEAREST))
+    large = cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST)
+    mask = cv2.resize(ring * 255, size, interpolation=cv2.INTER_LINEAR) > _HALF
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    own = scale_rgb(P_NORM_SCALE, view.p_norm[feature, index]).tolist()
+    for colour, thickness in (((255.0, 255.0, 255.0), _CLOSE_HALO_PX), (own, _LINE_PX)):
+        cv2.drawContours(large, outlines, -1, colour, thickness, cv2.LINE_AA)
+    return np.asarray(large, dtype=np.uint8)
 
 
 def _close_title(view: NewView, feature: int, index: int) -> str:
     taken = view.taken
     return (
         f"{escape(taken.features[feature])}, {number(taken.exposures_ms[index])} ms: "
-        f"<i>p</i><sub>norm</sub> {share(view.p_norm[feature, index], 2)}, predicted "
-        f"{share(taken.p_norm[feature, index], 2)} ± "
-        f"{share(2 * taken.p_norm_std[feature, index], 2)}"
+        f"<i>p</i><sub>norm</sub> {fixed(view.p_norm[feature, index], 2)}, predicted "
+        f"{fixed(taken.p_norm[feature, index], 2)} ± "
+        f"{fixed(2 * taken.p_norm_std[feature, index], 2)}"
     )

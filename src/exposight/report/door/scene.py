@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
-from exposight.report.colours import ACCENT, INK, OUTSIDE, P_NORM_SCALE, plotly_scale
-from exposight.report.door_words import exposure_title, feature_title, share
+from exposight.report.colours import ACCENT, INK, P_NORM_SCALE, plotly_scale
+from exposight.report.door.labels import Ring, label_places
+from exposight.report.door.words import exposure_title, feature_title
 from exposight.report.images import p_norm_legend
-from exposight.report.markup import escape, figure, number
+from exposight.report.markup import figure, fixed, number
 from exposight.report.plots import Choice, choices, layout, plot
 from exposight.report.scene import coordinates, scene
 
@@ -50,12 +51,12 @@ def door_figure(number_: int, result: DoorResult) -> str:
         for kind in ("predicted", "measured")
         for index in (_CHOSEN, 0, 2)
     ]
-    menu = choices(_NAME, "rings show p_norm", items, _key("predicted", _CHOSEN))
+    menu = choices(_NAME, "colour of the rings", items, _key("predicted", _CHOSEN))
     caption = (
         "The door’s inside of bare sheet metal, and the rings of the features that the new view "
         "sees, coloured by their <i>p</i><sub>norm</sub> there (drawn wider than the 2 mm in "
         "which points are counted); the line bounds what the camera sees. Features that no model "
-        "has seen have orange names. Choose in the menu what colours the rings: at the chosen "
+        "has seen have bold names. Choose in the menu what colours the rings: at the chosen "
         "exposure time prediction and measurement should look alike, at the shorter one dark "
         "rings lose their points, at the longer one bright ones. Drag to turn; point at a ring "
         "for its numbers."
@@ -168,25 +169,33 @@ def _triangles(faces: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:
 def _add_names(drawing: go.Figure, result: DoorResult) -> None:
     view = result.new_view
     part_from_camera = view.captures[_CHOSEN].camera_from_part.inverse()
+    centres = [
+        (part_from_camera @ own.camera_from_feature).translation_mm.tolist() for own in view.views
+    ]
+    labels = label_places(
+        [
+            Ring(
+                name=own.feature.name,
+                x_mm=x,
+                y_mm=y,
+                radius_mm=own.feature.size.radius_mm + _BAND_MM[1],
+            )
+            for own, (x, y, _) in zip(view.views, centres, strict=True)
+        ]
+    )
     places = np.array(
         [
-            (part_from_camera @ own.camera_from_feature).apply(
-                np.array([0.0, -(own.feature.size.radius_mm + _BAND_MM[1] + 12.0), -_NAMES_MM])
-            )
-            for own in view.views
+            (label.x_mm, label.y_mm, z - _NAMES_MM)
+            for label, (_, _, z) in zip(labels, centres, strict=True)
         ],
         dtype=np.float32,
     )
     drawing.add_scatter3d(
         **coordinates(places),
         mode="text",
-        text=[escape(own.feature.name) for own in view.views],
-        textfont={
-            "size": 13,
-            "color": [
-                INK if own.feature.name in result.train_features else OUTSIDE for own in view.views
-            ],
-        },
+        text=[feature_title(result, own.feature.name) for own in view.views],
+        textposition=[label.position for label in labels],
+        textfont={"size": 13, "color": INK},
         hoverinfo="skip",
         showlegend=False,
     )
@@ -197,8 +206,8 @@ def _hints(result: DoorResult, view: NewView, index: int) -> list[str]:
     return [
         f"{feature_title(result, own.feature.name)}, radius {number(own.feature.size.radius_mm)} mm"
         f"<br>{exposure_title(view, index)}"
-        f"<br>predicted p<sub>norm</sub> {share(taken.p_norm[i, index])} ± "
-        f"{share(2 * taken.p_norm_std[i, index], 2)} (2σ)"
-        f"<br>measured p<sub>norm</sub> {share(view.p_norm[i, index])}"
+        f"<br>predicted p<sub>norm</sub> {fixed(taken.p_norm[i, index], 3)} ± "
+        f"{fixed(2 * taken.p_norm_std[i, index], 2)} (2σ)"
+        f"<br>measured p<sub>norm</sub> {fixed(view.p_norm[i, index], 3)}"
         for i, own in enumerate(view.views)
     ]

@@ -22,7 +22,7 @@ from exposight.report.images import (
     zoomable,
 )
 from exposight.report.markup import escape, figure, image_tag, number
-from exposight.report.skull_selection import (
+from exposight.report.skull.selection import (
     nominal_capture,
     object_crop,
     ring_values,

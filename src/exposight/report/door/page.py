@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from exposight.demo import EXPOSURE_MODEL, QUALITY_MODEL, DoorSettings
 from exposight.errors import InputError
 from exposight.report.cards import Card, Key, cards, count_key, model_cards
-from exposight.report.door_images import close_figure, frame_figure
-from exposight.report.door_scene import door_figure
-from exposight.report.door_view import choice_figure, forecast_figure, forecast_table
+from exposight.report.door.images import close_figure, frame_figure
+from exposight.report.door.scene import door_figure
+from exposight.report.door.view import choice_figure, forecast_figure, forecast_table
 from exposight.report.markup import escape, exact, model_name, number
 from exposight.report.page import Section, facts, html_page, versions
 from exposight.report.prediction_figure import prediction_figure

@@ -9,10 +9,10 @@ from exposight.report.markup import escape, number
 from exposight.report.page import Section, facts, html_page, versions
 from exposight.report.prediction_figure import prediction_figure
 from exposight.report.quality_figure import quality_figure
-from exposight.report.skull_cloud import cloud_figure
-from exposight.report.skull_images import ring_figure, sweep_figure
-from exposight.report.skull_summary import skull_summary
-from exposight.report.skull_table import decoding_table
+from exposight.report.skull.cloud import cloud_figure
+from exposight.report.skull.images import ring_figure, sweep_figure
+from exposight.report.skull.summary import skull_summary
+from exposight.report.skull.table import decoding_table
 from exposight.report.tables import hyperparameter_table, score_tables
 
 if TYPE_CHECKING:

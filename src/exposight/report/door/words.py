@@ -9,7 +9,7 @@ from exposight.report.markup import escape, number
 if TYPE_CHECKING:
     from exposight.demo import DoorResult, NewView
 
-__all__ = ["EXPOSURE_WORDS", "exposure_title", "feature_title", "share"]
+__all__ = ["EXPOSURE_WORDS", "exposure_title", "feature_title"]
 
 EXPOSURE_WORDS = ("shorter", "chosen", "longer")
 
@@ -17,12 +17,6 @@ EXPOSURE_WORDS = ("shorter", "chosen", "longer")
 def exposure_title(view: NewView, index: int) -> str:
     """Return one of the three exposure times that were taken, and which it is."""
     return f"{number(view.taken.exposures_ms[index])} ms ({EXPOSURE_WORDS[index]})"
-
-
-def share(value: float, digits: int = 3) -> str:
-    """Return a p_norm, or its uncertainty, with a fixed number of decimals."""
-    text = f"{value:.{digits}f}".replace("-", "−")
-    return text.removeprefix("−") if not float(f"{value:.{digits}f}") else text
 
 
 def feature_title(result: DoorResult, name: str) -> str:

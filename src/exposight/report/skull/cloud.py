@@ -13,7 +13,7 @@ from exposight.report.markup import escape, figure, number
 from exposight.report.plots import data_block, layout, plot
 from exposight.report.scene import coordinates, scene
 from exposight.report.selection import exposures_ms
-from exposight.report.skull_selection import (
+from exposight.report.skull.selection import (
     nominal_capture,
     object_crop,
     ring_values,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.demo import SkullResult
-    from exposight.report.skull_selection import Sample
+    from exposight.report.skull.selection import Sample
 
 __all__ = ["cloud_figure"]
 

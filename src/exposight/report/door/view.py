@@ -9,8 +9,8 @@ import plotly.graph_objects as go
 
 from exposight.demo import EXPOSURE_MODEL, QUALITY_MODEL, WANTED_I_AVG
 from exposight.report.colours import ACCENT, INK, MUTED
-from exposight.report.door_words import EXPOSURE_WORDS, exposure_title, feature_title, share
-from exposight.report.markup import Heading, escape, exact, figure, model_name, number, table
+from exposight.report.door.words import EXPOSURE_WORDS, exposure_title, feature_title
+from exposight.report.markup import Heading, escape, exact, figure, fixed, model_name, number, table
 from exposight.report.plots import axis, layout, plot
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _add_panel(
         mode="markers",
         marker={"color": ACCENT, "size": 9},
         name="predicted ± 2σ",
-        hovertemplate="predicted %{x:.3f} ± %{error_x.array:.2f}<extra>%{y}</extra>",
+        hovertemplate="predicted %{x:.2f} ± %{error_x.array:.2f}<extra>%{y}</extra>",
         xaxis=axis_name,
         legendgroup="predicted",
         showlegend=index == 0,
@@ -140,7 +140,7 @@ def _add_panel(
         mode="markers",
         marker={"color": INK, "size": 9, "symbol": "diamond"},
         name="measured",
-        hovertemplate="measured %{x:.3f}<extra>%{y}</extra>",
+        hovertemplate="measured %{x:.2f}<extra>%{y}</extra>",
         xaxis=axis_name,
         legendgroup="measured",
         showlegend=index == 0,
@@ -156,7 +156,7 @@ def forecast_table(result: DoorResult) -> str:
         Heading(text="trained", is_text=True),
         Heading(text="radius, mm"),
         Heading(text="at, ms", group=reaches),
-        Heading(text="± 2σ", group=reaches),
+        Heading(text="± 2σ, ms", group=reaches),
     ]
     for index in range(len(view.captures)):
         group = f"<i>p</i><sub>norm</sub> at {exposure_title(view, index)}"
@@ -178,17 +178,14 @@ def _row(result: DoorResult, i: int) -> list[str]:
     cells = [
         escape(seen.feature.name),
         "yes" if seen.feature.name in result.train_features else "no",
-        exact(radius_mm, number(radius_mm)),
-        exact(float(taken.wanted.mean[i]), number(float(taken.wanted.mean[i]))),
-        exact(2 * float(taken.wanted.std[i]), number(2 * float(taken.wanted.std[i]), 2)),
+        exact(radius_mm, fixed(radius_mm, 1)),
+        exact(float(taken.wanted.mean[i]), fixed(taken.wanted.mean[i], 0)),
+        exact(2 * float(taken.wanted.std[i]), fixed(2 * taken.wanted.std[i], 0)),
     ]
     for index in range(len(view.captures)):
-        shares = (
-            (taken.p_norm[i, index], 3), (2 * taken.p_norm_std[i, index], 2),
-            (view.p_norm[i, index], 3),
-        )  # fmt: skip
-        cells += [exact(float(own), share(own, digits)) for own, digits in shares]
+        shares = taken.p_norm[i, index], 2 * taken.p_norm_std[i, index], view.p_norm[i, index]
+        cells += [exact(float(own), fixed(own, 2)) for own in shares]
     chosen = EXPOSURE_WORDS.index("chosen")
     for i_avg in (taken.i_avg[i, chosen], view.i_avg[i, chosen]):
-        cells.append(exact(float(i_avg), number(float(i_avg))))
+        cells.append(exact(float(i_avg), fixed(i_avg, 0)))
     return cells
