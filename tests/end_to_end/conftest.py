@@ -21,7 +21,7 @@ from exposight.cell import (
     write_features,
     write_sensor,
 )
-from exposight.cli import app
+from exposight.cli.app import app
 from exposight.geometry import PinholeCamera, RigidTransform
 
 HEIGHTS_MM = (560.0, 600.0, 640.0)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from exposight.twin.plan_file import write_plan
-from exposight.twin.plan_presets import PLANS
+from exposight.twin.plans import PLANS, write_plan
 
 YAML = """
 format: exposight measuring plan
@@ -80,7 +79,38 @@ def test_a_plan_that_is_wrong_is_told_as_one(yaml_plan, run):
 def test_a_yaml_file_of_something_else_is_no_plan(tmp_path, run_json):
     path = tmp_path / "other.yaml"
     path.write_text("gain: 3\n", encoding="utf-8")
+    told = run_json("info", path)
+    assert (told["kind"], told["facts"]["keys"]) == ("YAML file", ["gain"])
+
+
+def test_a_yaml_file_of_opencv_s_is_one(tmp_path, run_json):
+    path = tmp_path / "other.yaml"
+    path.write_text("%YAML:1.0\n---\ngain: 3\n", encoding="utf-8")
     assert run_json("info", path)["kind"] == "OpenCV file"
+
+
+def test_a_plan_without_its_first_line_is_told_so(yaml_plan, run):
+    yaml_plan.write_text(YAML.replace("format: exposight measuring plan\n", ""), "utf-8")
+    told = run("info", yaml_plan).stderr
+    assert "exposight measuring plan" in told
+    assert "OpenCV" not in told
+
+
+def test_a_broken_plan_without_its_first_line_is_told_where(yaml_plan, run):
+    broken = YAML.replace("format: exposight measuring plan\n", "").replace("[f1, f2]", "[f1, f2")
+    yaml_plan.write_text(broken, "utf-8")
+    told = run("info", yaml_plan).stderr
+    assert "line 6" in told
+    assert "OpenCV" not in told
+
+
+def test_broken_yaml_is_told_as_such(tmp_path, run):
+    path = tmp_path / "broken.yaml"
+    path.write_text("a: 3\nb: [1, 2\nc: 4\n", encoding="utf-8")
+    result = run("info", path)
+    assert result.exit_code == 1
+    assert "broken YAML at line 3, column 2" in result.stderr
+    assert "OpenCV" not in result.stderr
 
 
 def test_it_is_said_whether_the_door_can_be_measured(yaml_plan, run_json):

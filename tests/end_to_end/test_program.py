@@ -12,8 +12,10 @@ import exposight
 
 COMMANDS = (
     "simulate",
+    "sensor",
     "decode",
     "observe",
+    "split",
     "train",
     "evaluate",
     "predict",

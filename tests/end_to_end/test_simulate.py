@@ -15,10 +15,8 @@ import trimesh
 from exposight.cell import CampaignFolder, Feature, Part, read_sensor, sensor_preset
 from exposight.geometry import RigidTransform
 from exposight.observing import read_observations
-from exposight.twin.door import door
-from exposight.twin.plan_presets import PLANS
-from exposight.twin.scene import Scene
-from exposight.twin.scene_files import export_scene, read_scene
+from exposight.twin.part import Scene, door, export_scene, read_scene
+from exposight.twin.plans import PLANS
 
 PLAN = """
 format = "exposight measuring plan"
@@ -142,7 +140,12 @@ def test_people_are_told_what_was_taken_and_what_comes_next(plan, options, run, 
     ]
     assert "note: no view sees aside" in lines
     assert lines[-1] == f"next: exposight observe {folder}"
-    assert result.stderr == "simulating box …\n"
+    assert result.stderr.splitlines() == [
+        "preparing the scene …",
+        "planning the views …",
+        "taking the first views …",
+        "simulating box …",
+    ]
 
 
 def test_the_same_command_goes_on(simulated, plan, options, run_json, tmp_path):
@@ -181,9 +184,15 @@ def test_raw_frames_are_decoded_like_a_recording(plan, options, run_json, tmp_pa
 
 def test_a_cluster_that_is_not_there(run, plan, scene, tmp_path):
     pytest.importorskip("distributed", reason="Dask is not installed")
-    words = ("--scene", scene, "--cluster", "host:8786", "-o", tmp_path / "box")
+    words = ("--scene", scene, "--cluster", "tcp://host", "-o", tmp_path / "box")
     message = error_of(run("simulate", plan, *words))
-    assert "no Dask scheduler answers at 'host:8786' (not an address)" in message
+    assert "no Dask scheduler answers at 'tcp://host' (not an address)" in message
+
+
+def test_a_scene_that_is_not_there(run, plan, tmp_path):
+    message = error_of(run("simulate", plan, "--scene", tmp_path, "-o", tmp_path / "box"))
+    assert f"no mesh at {tmp_path / 'door.ply'}" in message
+    assert "exposight simulate PLAN --export-scene FOLDER" in message
 
 
 def test_a_preset_is_known_by_name_and_exported_for_other_programs(run_json, tmp_path):
@@ -194,6 +203,16 @@ def test_a_preset_is_known_by_name_and_exported_for_other_programs(run_json, tmp
     assert (
         read_sensor(tmp_path / "scene" / "sensor.json").name == sensor_preset("rc-visard-65").name
     )
+
+
+def test_the_list_of_plans_breaks_no_word_on_eighty_columns(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = run("simulate", "--list").stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    headings = " ".join(lines[1:3]).split()
+    for heading in ("plan", "sensor", "side,", "lighting", "features", "views", "captures"):
+        assert heading in headings
+    assert [lines[1].split()[-1], lines[2].split()[-1]] == ["exposure", "ms"]
 
 
 def test_plans_are_listed(run, run_json):
@@ -265,6 +284,7 @@ def test_a_table_that_cannot_be_written_is_told_at_once(name, message, plan, run
         ([], "give a measuring plan: a TOML or YAML file"),
         (["x", "--workers", "0"], "workers"),
         (["x", "--workers", "2", "--cluster", "tcp://host:8786"], "give one of them"),
+        (["x", "--cluster", "nowhere:1"], "'nowhere:1' lacks the protocol; expected the address"),
         (["x", "--observe", "--no-clouds"], "keeps neither clouds nor frames"),
         (["x", "--observe", "--raw-frames"], "keeps neither clouds nor frames"),
     ],
@@ -273,6 +293,32 @@ def test_a_wrong_call_ends_with_status_two(arguments, told, run):
     result = run("simulate", *arguments)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.replace("│", " ").split())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+def test_ctrl_c_before_the_first_capture_is_no_hindrance(simulated, plan, options, tmp_path):
+    words = ["simulate", plan, "-o", tmp_path / "box", *options]
+    command = [sys.executable, "-m", "exposight", *map(str, words)]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONIOENCODING": "utf-8"},
+    )
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline() == "preparing the scene …\n"
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert stdout == ""
+    assert stderr.splitlines()[-1].startswith("error: stopped by Ctrl-C")
+    assert "Traceback" not in stderr
+    subprocess.run(command, capture_output=True, timeout=100, check=True)
+    assert CampaignFolder(tmp_path / "box").keys() == CampaignFolder(simulated[0]).keys()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
@@ -304,7 +350,7 @@ def test_ctrl_c_says_what_is_kept(observe, moment, scene, tmp_path):
     )
     try:
         assert process.stderr is not None
-        assert process.stderr.readline().startswith("simulating")
+        assert any(line.startswith("simulating") for line in process.stderr)
         if moment == "workers start":
             time.sleep(0.5)
         else:

@@ -256,6 +256,13 @@ def test_an_unknown_column_is_named(written):
         read_observations(written(comment=["a", "b"]))
 
 
+def test_a_column_with_a_slip_of_the_pen_is_recognised(written):
+    path = written()
+    path.write_text(path.read_text().replace("i_avg", "iavg", 1))
+    with pytest.raises(FormatError, match="did you mean 'i_avg' by 'iavg'"):
+        read_observations(path)
+
+
 def test_semicolons_between_cells(written):
     path = written()
     path.write_text(path.read_text().replace(",", ";"))

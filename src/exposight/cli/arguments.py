@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.cell import PRESETS, read_sensor, sensor_preset
-from exposight.errors import ImageError, MissingFileError, PoseError, SensorError
+from exposight.cli.suggestions import suggestion
+from exposight.errors import FileError, ImageError, MissingFileError, PoseError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence, sequence_preset
 
@@ -18,7 +19,29 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.imaging import PatternSequence
 
-__all__ = ["POSE_CONVENTIONS", "pose_from_file", "pose_from_text", "sensor_from", "sequence_from"]
+__all__ = [
+    "POSE_CONVENTIONS",
+    "make_folder",
+    "pose_from_file",
+    "pose_from_text",
+    "sensor_from",
+    "sequence_from",
+]
+
+
+def make_folder(folder: Path, what: str) -> None:
+    """Make the folder that something shall be written to.
+
+    Raises
+    ------
+    FileError
+        If it cannot be made; the message says what for.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder} cannot be used for {what}: {error.strerror or error}"
+        raise FileError(msg) from error
 
 
 def sensor_from(name_or_path: str) -> ActiveSensor:
@@ -39,6 +62,7 @@ def sensor_from(name_or_path: str) -> ActiveSensor:
     msg = (
         f"no sensor '{name_or_path}': expected one of the presets {', '.join(PRESETS)}, or the "
         "JSON file of a sensor (every campaign folder has its own, sensor.json)"
+        + suggestion(name_or_path, PRESETS)
     )
     raise SensorError(msg)
 
@@ -61,6 +85,7 @@ def sequence_from(name_or_path: str) -> PatternSequence:
     msg = (
         f"no pattern sequence '{name_or_path}': expected one of the presets "
         f"{', '.join(SEQUENCE_PRESETS)}, or a TOML file that says what each frame shows"
+        + suggestion(name_or_path, SEQUENCE_PRESETS)
     )
     raise ImageError(msg)
 
@@ -104,6 +129,7 @@ def pose_from_text(convention: str, text: str) -> RigidTransform:
     if convention not in POSE_CONVENTIONS:
         *others, last = POSE_CONVENTIONS
         msg = f"poses are written as by {', '.join(others)} or {last}, got '{convention}'"
+        msg += suggestion(convention, POSE_CONVENTIONS)
         raise PoseError(msg)
     expected, read = POSE_CONVENTIONS[convention]
     wanted = expected.split(" ", 1)[0].count(",") + 1

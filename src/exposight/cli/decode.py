@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,7 +36,7 @@ from exposight.imaging import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exposight.imaging import DecodedMap
+    from exposight.imaging import DecodedMap, FrameStack
 
 _MEANINGS = {
     "decoded": "every coded axis was read",
@@ -139,45 +139,80 @@ def decode_command(
     seconds = time.perf_counter() - start
     if output is not None:
         write_cloud(output, cloud)
-    counts = asdict(decoded.counts())
-    rows, columns = decoded.image_shape
-    near, middle, far = np.percentile(depth_mm, [0, 50, 100]).tolist()
+    near_mm, middle_mm, far_mm = np.percentile(depth_mm, [0, 50, 100]).tolist()
+    done = _Decoded(
+        folder=folder,
+        sequence=patterns.name,
+        stack=stack,
+        counts=asdict(decoded.counts()),
+        points=cloud.n_valid,
+        depth_mm={"min": near_mm, "median": middle_mm, "max": far_mm},
+        seconds=seconds,
+        written={"cloud": output, "preview": preview},
+    )
     if as_json:
-        print_json(
-            {
-                "folder": folder,
-                "sequence": patterns.name,
-                "frames": stack.n_frames,
-                "rows": rows,
-                "columns": columns,
-                "counts": counts,
-                "points": cloud.n_valid,
-                "depth_mm": {"min": near, "median": middle, "max": far},
-                "seconds": seconds,
-                "cloud": output,
-                "preview": preview,
-            }
-        )
-        return
+        print_json(_document(done))
+    else:
+        _print(done)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Decoded:
+    """A recording that was decoded, and what became of it."""
+
+    folder: Path
+    sequence: str
+    stack: FrameStack
+    counts: dict[str, int]
+    points: int
+    depth_mm: dict[str, float]
+    seconds: float
+    written: dict[str, Path | None]
+
+
+def _document(done: _Decoded) -> dict[str, object]:
+    rows, columns = done.stack.image_shape
+    return {
+        "folder": done.folder,
+        "sequence": done.sequence,
+        "frames": done.stack.n_frames,
+        "rows": rows,
+        "columns": columns,
+        "counts": done.counts,
+        "points": done.points,
+        "depth_mm": done.depth_mm,
+        "seconds": done.seconds,
+        **done.written,
+    }
+
+
+def _print(done: _Decoded) -> None:
+    rows, columns = done.stack.image_shape
+    near, middle, far = map(number, done.depth_mm.values())
+    frames = f"{done.stack.n_frames} of {columns} × {rows} px, {done.stack.bit_depth} bits"
     print_facts(
-        f"{folder}: {patterns.name}",
+        f"{done.folder}: {done.sequence}",
         [
-            ("frames", f"{stack.n_frames} of {columns} × {rows} px, {stack.bit_depth} bits"),
-            ("points", f"{count(cloud.n_valid)} in {seconds:.2f} s"),
-            ("depth", f"{number(near)} to {number(far)} mm, median {number(middle)} mm"),
+            ("frames", frames),
+            ("points", f"{count(done.points)} in {done.seconds:.2f} s"),
+            ("depth", f"{near} to {far} mm, median {middle} mm"),
         ],
     )
-    pixels = counts.pop("pixels")
     print_line("")
     print_table(
         ("pixels that are", "count", "share %", "meaning"),
         (
-            (name.replace("_", " "), count(found), percent(found / pixels), _MEANINGS[name])
-            for name, found in counts.items()
+            (
+                name.replace("_", " "),
+                count(done.counts[name]),
+                percent(done.counts[name] / done.counts["pixels"]),
+                meaning,
+            )
+            for name, meaning in _MEANINGS.items()
         ),
         words=("meaning",),
     )
-    for what, path in (("cloud", output), ("preview", preview)):
+    for what, path in done.written.items():
         if path is not None:
             print_line(f"wrote the {what}: {path}")
 

@@ -29,8 +29,10 @@ from exposight.demo import (
     run_skull,
 )
 from exposight.models import MODEL_SUFFIX, UNITS, model_named
-from exposight.report import door_report, skull_report, write_report
-from exposight.twin.plan_presets import PLANS
+from exposight.report import write_report
+from exposight.report.door import door_report
+from exposight.report.skull import skull_report
+from exposight.twin.plans import PLANS
 
 if TYPE_CHECKING:
     from exposight.demo import DemoResult, DoorResult, SkullResult

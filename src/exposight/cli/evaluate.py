@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from exposight.cli.exposure_units import exposure_unit_remark
 from exposight.cli.output import (
     JsonOption,
     count,
@@ -53,10 +54,14 @@ def evaluate_command(
     loaded = [load_model(path) for path in models]
     results = [evaluate(model, table) for model in loaded]
     known = [model.provenance.observations_sha256 == sha256 for model in loaded]
+    exposures = table.array(["exposure_ms"])[:, 0]
+    remarks = [exposure_unit_remark(model, exposures) for model in loaded]
     if as_json:
         documents = [
-            _document(path, model, result, seen)
-            for path, model, result, seen in zip(models, loaded, results, known, strict=True)
+            {**_document(path, model, result, seen), "remark": remark}
+            for path, model, result, seen, remark in zip(
+                models, loaded, results, known, remarks, strict=True
+            )
         ]
         print_json({"observations": observations, "models": documents})
         return
@@ -72,6 +77,8 @@ def evaluate_command(
         note(f"{', '.join(seen_names)} learnt from this very table; only unseen features tell")
     if bool(table.measured().frame["emulated"].any()):
         note("emulated exposures are among the observations")
+    for remark in filter(None, remarks):
+        note(remark)
 
 
 def _document(

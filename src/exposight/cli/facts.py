@@ -13,9 +13,19 @@ from exposight.models import UNITS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from exposight.cell import ActiveSensor
     from exposight.geometry import PinholeCamera
 
-__all__ = ["Fact", "Recognised", "camera_facts", "fact", "limits", "short_unit", "span"]
+__all__ = [
+    "Fact",
+    "Recognised",
+    "camera_facts",
+    "fact",
+    "limits",
+    "sensor_facts",
+    "short_unit",
+    "span",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,4 +109,32 @@ def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
             f"{number(camera.cx, 6)}, {number(camera.cy, 6)}",
         ),
         fact(f"{name} distortion", list(camera.distortion), lens),
+    )
+
+
+def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
+    """Return what is known about a sensor."""
+    low, high, step = (
+        sensor.exposure_min_ms,
+        sensor.exposure_max_ms,
+        sensor.exposure_increment_ms,
+    )
+    projector = sensor.projector
+    tcp_mm = sensor.camera_from_tcp.translation_mm.tolist()
+    return (
+        fact("name", sensor.name),
+        fact("cameras", len(sensor.cameras)),
+        *camera_facts("camera", sensor.camera),
+        fact(
+            "projector",
+            None if projector is None else [projector.width, projector.height],
+            "not known" if projector is None else f"{projector.width} × {projector.height} px",
+        ),
+        fact("exposures ms", [low, high, step], f"{low:g} … {high:g} ms in steps of {step:g} ms"),
+        fact(
+            "working distance mm",
+            list(sensor.working_distance_mm),
+            span(sensor.working_distance_mm, "mm"),
+        ),
+        fact("tcp mm", tcp_mm, f"at {', '.join(map(number, tcp_mm))} mm in the camera's frame"),
     )

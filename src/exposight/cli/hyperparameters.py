@@ -77,7 +77,7 @@ def describe_hyperparameters(model: TrainedModel) -> tuple[Hyperparameter, ...]:
 def print_hyperparameters(model: TrainedModel) -> None:
     """Print a model's hyperparameters as a table."""
     print_table(
-        ("kernel", "hyper-\nparameter", "acts on", "value", "unit", "remark"),
+        ("kernel", "parameter", "acts on", "value", "unit", "remark"),
         (
             (
                 *_spelled_name(own),
@@ -88,7 +88,7 @@ def print_hyperparameters(model: TrainedModel) -> None:
             )
             for own in describe_hyperparameters(model)
         ),
-        words=("hyper-\nparameter", "acts on", "unit", "remark"),
+        words=("parameter", "acts on", "unit", "remark"),
     )
 
 

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 from exposight.cell import sensor_preset
 from exposight.cli.facts import Recognised, fact
 from exposight.cli.output import count, number, print_json, print_table
+from exposight.cli.suggestions import suggestion
 from exposight.errors import InputError
-from exposight.twin.door import door_part
-from exposight.twin.plan import DepthPlane
-from exposight.twin.plan_file import PLAN_FORMAT, PLAN_SUFFIXES, read_plan
-from exposight.twin.plan_presets import PLANS
-from exposight.twin.planned_views import views
+from exposight.twin.part import door_part
+from exposight.twin.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS, DepthPlane, read_plan, views
 
 if TYPE_CHECKING:
-    from exposight.twin.plan import MeasuringPlan
+    from exposight.twin.plans import MeasuringPlan
 
 __all__ = ["is_plan", "plan_from", "print_plans", "recognise_plan"]
 
@@ -38,14 +36,16 @@ def plan_from(name_or_path: str) -> MeasuringPlan:
         return read_plan(path)
     msg = (
         f"no measuring plan '{name_or_path}': expected a TOML or YAML file, or one of "
-        f"{', '.join(PLANS)}"
+        f"{', '.join(PLANS)}{suggestion(name_or_path, PLANS)}"
     )
     raise InputError(msg)
 
 
 def is_plan(path: Path) -> bool:
     """Tell whether a TOML or YAML file is meant as a measuring plan."""
-    return PLAN_FORMAT in path.read_text(encoding="utf-8", errors="replace")
+    text = path.read_text(encoding="utf-8", errors="replace")
+    # Nothing else has exposure times in groups: reading it tells that its first line is missing.
+    return PLAN_FORMAT in text or "exposures_ms" in text
 
 
 def recognise_plan(plan: MeasuringPlan, remark: str = "") -> Recognised:
@@ -134,8 +134,7 @@ def print_plans(*, as_json: bool) -> None:
             (
                 plan.name,
                 plan.sensor,
-                plan.side,
-                plan.lighting,
+                f"{plan.side} {plan.lighting}",
                 str(len(plan.features)),
                 count(sum(positions)),
                 count(captures),
@@ -146,8 +145,8 @@ def print_plans(*, as_json: bool) -> None:
         print_json({"plans": documents})
         return
     print_table(
-        ("plan", "sensor", "side", "light", "fea-\ntures", "views", "captures", "exposures\nms"),
+        ("plan", "sensor", "side,\nlighting", "features", "views", "captures", "exposure\nms"),
         rows,
         title="Measuring plans (the few views that see none of their features are left out)",
-        words=("side",),
+        words=("side,\nlighting",),
     )

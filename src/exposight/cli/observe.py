@@ -4,28 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from exposight.cell import (
-    PAPER_TOLERANCE,
-    PRESETS,
-    CampaignFolder,
-    Capture,
-    MemoryCampaign,
-    Part,
-    RingTolerance,
-    read_cloud,
-    read_features,
-)
-from exposight.cli.arguments import (
-    POSE_CONVENTIONS,
-    pose_from_file,
-    pose_from_text,
-    sensor_from,
-)
+from exposight.cell import PAPER_TOLERANCE, PRESETS, CampaignFolder, RingTolerance
+from exposight.cli.arguments import POSE_CONVENTIONS
 from exposight.cli.output import (
     JsonOption,
     count,
@@ -38,14 +23,11 @@ from exposight.cli.output import (
     print_table,
     progress_bars,
 )
-from exposight.imaging import BitDepth, read_frames
+from exposight.cli.single_capture import CloudUnit, SingleCapture, check_cloud_unit
 from exposight.observing import Visibility, observe_campaign
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from exposight.cell import Campaign
-    from exposight.geometry import RigidTransform
     from exposight.observing import ObservationTable
 
 _COLUMNS = {
@@ -86,8 +68,11 @@ _Outer = Annotated[
     float, typer.Option("--outer", metavar="MM", help="The ring ends so far outside the edge, mm.")
 ]
 _Image = Annotated[Path | None, _single("FILE", "Stripe image, grey.")]
-_BitDepth = Annotated[int, _single("BITS", "Of the image: 8, 12 or 16.")]
-_Cloud = Annotated[Path | None, _single("FILE", "Point cloud in mm, in the camera's frame.")]
+_BitDepth = Annotated[int | None, _single("BITS", "Of the image: 8 (default), 12 or 16.")]
+_Cloud = Annotated[Path | None, _single("FILE", "Point cloud in the camera's frame.")]
+_CloudUnit = Annotated[
+    CloudUnit | None, _single("UNIT", "Of the cloud: mm (default), cm or m; files do not tell.")
+]
 _Features = Annotated[Path | None, _single("CSV", "The part's features (docs/formats.md).")]
 _Sensor = Annotated[
     str | None, _single("NAME|FILE", f"The sensor: {', '.join(PRESETS)}, or its JSON file.")
@@ -116,8 +101,9 @@ def observe_command(
     outer_mm: _Outer = PAPER_TOLERANCE.outer_mm,
     as_json: JsonOption = False,
     image: _Image = None,
-    bit_depth: _BitDepth = 8,
+    bit_depth: _BitDepth = None,
     cloud: _Cloud = None,
+    cloud_unit: _CloudUnit = None,
     features: _Features = None,
     sensor: _Sensor = None,
     exposure_ms: _Exposure = None,
@@ -139,44 +125,21 @@ def observe_command(
         --robot-pose fanuc 12.5,-3,600,0,0,90
     """
     tolerance = RingTolerance(height_mm=height_mm, inner_mm=inner_mm, outer_mm=outer_mm)
-    single = {
-        "--image": image,
-        "--cloud": cloud,
-        "--features": features,
-        "--sensor": sensor,
-        "--exposure-ms": exposure_ms,
-        "--pose": pose,
-        "--robot-pose": robot_pose,
-    }
-    given = [option for option, value in single.items() if value is not None]
-    source: Campaign
-    if campaign is not None and not given:
-        source = CampaignFolder(campaign)
-    elif (
-        campaign is None
-        and image is not None
-        and cloud is not None
-        and features is not None
-        and sensor is not None
-        and exposure_ms is not None
-        and (pose is None) != (robot_pose is None)
-    ):
-        capture = Capture(
-            view=image.stem,
-            exposure_ms=exposure_ms,
-            image=_read_image(image, bit_depth),
-            cloud=read_cloud(cloud),
-            camera_from_part=_read_pose(pose, robot_pose),
-            bit_depth=bit_depth,
-        )
-        part = Part(name=features.stem, features=read_features(features))
-        source = MemoryCampaign(
-            name=str(image), sensor=sensor_from(sensor), part=part, captures=[capture]
-        )
-    else:
-        raise typer.BadParameter(_wrong_call(campaign, given, list(single)))
+    single = SingleCapture(
+        image=image,
+        bit_depth=bit_depth,
+        cloud=cloud,
+        cloud_unit=cloud_unit,
+        features=features,
+        sensor=sensor,
+        exposure_ms=exposure_ms,
+        pose=pose,
+        robot_pose=robot_pose,
+    )
+    source = _source(campaign, single)
     with progress_bars() as progress:
         table = observe_campaign(source, tolerance, progress=partial(progress, "observing"))
+    check_cloud_unit(source, table)
     table.write(output)
     if as_json:
         print_json(_document(source, table, output))
@@ -184,33 +147,14 @@ def observe_command(
         _print(source, table, output)
 
 
-def _wrong_call(campaign: Path | None, given: list[str], options: list[str]) -> str:
-    """Say which options are missing, or too many."""
-    poses = [option for option in options if option.endswith("pose")]
-    if campaign is not None:
-        return f"give a campaign's folder or a single capture, not both (got {', '.join(given)})"
-    if not given:
-        return f"give a campaign's folder, or a single capture by {', '.join(options)}"
-    missing = [option for option in options if option not in (*given, *poses)]
-    if not any(option in poses for option in given):
-        missing.append(" or ".join(poses))
-    if missing:
-        return f"a single capture also needs {', '.join(missing)}"
-    return f"give the pose once, by {' or '.join(poses)}"
-
-
-def _read_image(path: Path, bit_depth: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    if bit_depth not in get_args(BitDepth):
-        msg = f"--bit-depth must be 8, 12 or 16, got {bit_depth}"
+def _source(campaign: Path | None, single: SingleCapture) -> Campaign:
+    """Return what is to be observed: a campaign's folder, or else a single capture."""
+    if campaign is None:
+        return single.campaign()
+    if given := single.given():
+        msg = f"give a campaign's folder or a single capture, not both (got {', '.join(given)})"
         raise typer.BadParameter(msg)
-    stack = read_frames([path], bit_depth=cast("BitDepth", bit_depth))
-    return cast("NDArray[np.uint8] | NDArray[np.uint16]", stack.frames[0])
-
-
-def _read_pose(pose: Path | None, robot_pose: tuple[str, str] | None) -> RigidTransform:
-    if robot_pose is not None:
-        return pose_from_text(*robot_pose)
-    return pose_from_file(pose or Path())
+    return CampaignFolder(campaign)
 
 
 def _ranges(table: ObservationTable) -> dict[str, tuple[float, float, float]]:
@@ -273,8 +217,9 @@ def _print(source: Campaign, table: ObservationTable, output: Path) -> None:
     elif not (table.frame["p_norm"].fill_null(0.0) > 0.0).any():
         note(
             "every p_norm is 0: no point of any cloud lies near any feature. If the images are not "
-            "all dark or clipped, check that clouds and features are in mm, that clouds are in the "
-            "camera's frame, and that the pose is that of the part seen from the camera"
+            "all dark or clipped, check that features are in mm, and clouds too (if not, say "
+            "--cloud-unit), that clouds are in the camera's frame, and that the pose is that of "
+            "the part seen from the camera"
         )
     print_line(f"wrote the observations: {output}")
 

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import typer
 
+from exposight.cli.exposure_units import exposure_unit_remark
 from exposight.cli.facts import short_unit
 from exposight.cli.output import (
     JsonOption,
@@ -218,6 +219,7 @@ def _predict_table(
         _write(output, frame)
     left_out = int(np.count_nonzero(~complete))
     inside = int(np.count_nonzero(prediction.inside))
+    remark = exposure_unit_remark(model, table["exposure_ms"].fill_null(np.nan))
     if as_json:
         print_json(
             {
@@ -227,6 +229,7 @@ def _predict_table(
                 "rows": len(table),
                 "without_inputs": left_out,
                 "inside_training_range": inside,
+                "remark": remark,
                 "predictions": frame.to_dicts(),
                 "output": output,
             }
@@ -240,6 +243,8 @@ def _predict_table(
             ("inside", f"{count(inside)} in the range of the training data"),
         ],
     )
+    if remark:
+        note(remark)
     if left_out:
         note(f"{count(left_out)} rows lack an input (features that were not measured)")
     if "in_sensor_range" in frame.columns:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.cell import CLOUD_SUFFIXES, CampaignFolder, read_features, read_sensor
-from exposight.cli.facts import Fact, Recognised, camera_facts, fact, limits, short_unit, span
+from exposight.cli.facts import Recognised, fact, limits, sensor_facts, short_unit, span
 from exposight.cli.hyperparameters import describe_hyperparameters
 from exposight.cli.measuring_plans import is_plan, recognise_plan
 from exposight.cli.output import count, number, progress_bars
@@ -23,18 +23,18 @@ from exposight.cli.recordings import (
     recognise_image,
     recognise_sequence,
 )
+from exposight.cli.suggestions import suggestion
 from exposight.errors import FormatError, MissingFileError
 from exposight.models import MODEL_SUFFIX, is_model_file, load_model
 from exposight.observing import read_observations
-from exposight.twin.plan_file import PLAN_SUFFIXES, read_plan
-from exposight.twin.plan_presets import PLANS
-from exposight.twin.scene_files import MESH_FILE, read_scene
-from exposight.twin.simulation_record import RECORD_FILE
+from exposight.twin.campaign import RECORD_FILE
+from exposight.twin.part import MESH_FILE, read_scene
+from exposight.twin.plans import PLAN_SUFFIXES, PLANS, read_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.cell import ActiveSensor, Feature
+    from exposight.cell import Feature
 
 __all__ = ["recognise"]
 
@@ -71,6 +71,7 @@ def recognise(path: Path) -> Recognised:
         if named is not None:
             return recognise_plan(named, "known by name")
         msg = f"{path}: no such file or folder, nor a measuring plan of that name"
+        msg += suggestion(str(path), PLANS)
         raise MissingFileError(msg)
     if path.suffix == MODEL_SUFFIX or is_model_file(path):
         return _model(path)
@@ -206,34 +207,7 @@ def _json(path: Path) -> Recognised:
     if name != "exposight sensor":
         raise _unknown(path)
     sensor = read_sensor(path)
-    return Recognised(kind="sensor", facts=_sensor_facts(sensor))
-
-
-def _sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
-    low, high, step = (
-        sensor.exposure_min_ms,
-        sensor.exposure_max_ms,
-        sensor.exposure_increment_ms,
-    )
-    projector = sensor.projector
-    tcp_mm = sensor.camera_from_tcp.translation_mm.tolist()
-    return (
-        fact("name", sensor.name),
-        fact("cameras", len(sensor.cameras)),
-        *camera_facts("camera", sensor.camera),
-        fact(
-            "projector",
-            None if projector is None else [projector.width, projector.height],
-            "not known" if projector is None else f"{projector.width} × {projector.height} px",
-        ),
-        fact("exposures ms", [low, high, step], f"{low:g} … {high:g} ms in steps of {step:g} ms"),
-        fact(
-            "working distance mm",
-            list(sensor.working_distance_mm),
-            span(sensor.working_distance_mm, "mm"),
-        ),
-        fact("tcp mm", tcp_mm, f"at {', '.join(map(number, tcp_mm))} mm in the camera's frame"),
-    )
+    return Recognised(kind="sensor", facts=sensor_facts(sensor))
 
 
 # -- tables -------------------------------------------------------------------------------------

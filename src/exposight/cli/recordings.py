@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import yaml
 
 from exposight.cell import read_cloud
 from exposight.cli.facts import Fact, Recognised, camera_facts, fact, limits, span
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CALIBRATION_SUFFIXES",
     "IMAGE_SUFFIXES",
+    "is_camera_info",
     "recognise_calibration",
     "recognise_cloud",
     "recognise_frames",
@@ -110,12 +112,17 @@ def recognise_cloud(path: Path) -> Recognised:
 
 
 def recognise_calibration(path: Path) -> Recognised:
-    """Describe a calibration: camera and projector, one ROS camera, or any OpenCV file."""
-    file = read_opencv_file(path)
+    """Describe a calibration: camera and projector, one ROS camera, or any OpenCV or YAML file."""
+    try:
+        file = read_opencv_file(path)
+    except FormatError:
+        if _is_plain_yaml(path):
+            return _recognise_yaml(path)
+        raise
     for program, keys in KNOWN_KEYS.items():
         if {keys.camera_matrix, keys.projector_matrix} & set(file.nodes):
             return _projector_camera(path, file, program, keys)
-    if {"camera_matrix.data", "camera_matrix", "K", "k"} & set(file.nodes):
+    if is_camera_info(file):
         try:
             camera = read_ros_camera_info(path)
         except FormatError:  # one that only looks like it
@@ -126,11 +133,45 @@ def recognise_calibration(path: Path) -> Recognised:
                 remark="one camera, as ROS camera_info",
                 facts=camera_facts("camera", camera),
             )
+    if _is_plain_yaml(path) and not any(isinstance(own, np.ndarray) for own in file.nodes.values()):
+        return _recognise_yaml(path)
     return Recognised(
         kind="OpenCV file",
         remark="of no program that exposight knows",
         facts=tuple(fact(name, None, _node(file, name)) for name in file.nodes),
     )
+
+
+def _is_plain_yaml(path: Path) -> bool:
+    """Tell whether a file says neither by its suffix nor by its first line that OpenCV wrote it."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return path.suffix.lower() in {".yml", ".yaml"} and not file.readline().startswith("%YAML")
+
+
+def _recognise_yaml(path: Path) -> Recognised:
+    """Describe YAML of something else, or say where it is broken."""
+    try:
+        first = next(yaml.safe_load_all(path.read_text(encoding="utf-8", errors="replace")), None)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or "it cannot be parsed"
+        msg = (
+            f"{path}: broken YAML{place}: {problem}; correct it there (exposight reads measuring "
+            "plans and calibrations in YAML)"
+        )
+        raise FormatError(msg) from error
+    keys = list(map(str, first)) if isinstance(first, dict) else []
+    return Recognised(
+        kind="YAML file",
+        remark="neither a measuring plan nor a calibration",
+        facts=(fact("keys", keys, ", ".join(keys) or "none"),),
+    )
+
+
+def is_camera_info(file: OpenCVFile) -> bool:
+    """Tell whether a file looks like ROS' description of one camera."""
+    return bool({"camera_matrix.data", "camera_matrix", "K", "k"} & set(file.nodes))
 
 
 def _node(file: OpenCVFile, name: str) -> str:

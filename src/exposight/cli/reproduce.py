@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +18,7 @@ from exposight.cli.output import (
     print_table,
     progress_bars,
 )
+from exposight.cli.suggestions import suggestion
 from exposight.errors import FileError, MissingFileError
 from exposight.paper.result import SENSOR_KINDS, SensorKind, StudySettings
 from exposight.paper.study import run_study
@@ -45,17 +45,7 @@ _SHOWN = (
 _ROLES = {"test": "unseen features", "test_inside": "unseen, inside trained range"}
 
 
-class SensorChoice(StrEnum):
-    """What can be asked for."""
-
-    STRUCTURED_LIGHT = "structured-light"
-    STEREO = "stereo"
-    BOTH = "both"
-
-    def kinds(self) -> tuple[SensorKind, ...]:
-        """Return the study's sensors."""
-        return tuple(kind for kind in SENSOR_KINDS if self.value in {kind, "both"})
-
+_BOTH = "both"
 
 _Output = Annotated[
     Path,
@@ -66,7 +56,13 @@ _Output = Annotated[
         help="Where report, tables, figures, observations and models are written and kept.",
     ),
 ]
-_Sensor = Annotated[SensorChoice, typer.Option(help="Which of the paper's sensors.")]
+_Sensor = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help=f"Which of the paper's sensors: {', '.join(SENSOR_KINDS)} or {_BOTH}.",
+    ),
+]
 _Quick = Annotated[
     bool,
     typer.Option(
@@ -87,7 +83,7 @@ _Workers = Annotated[int, typer.Option(min=1, help="Processes that work at the s
 
 def reproduce_command(
     output: _Output = Path("paper"),
-    sensor: _Sensor = SensorChoice.BOTH,
+    sensor: _Sensor = _BOTH,
     quick: _Quick = False,
     campaigns: _Campaigns = None,
     seed: _Seed = _DEFAULTS.seed,
@@ -108,7 +104,7 @@ def reproduce_command(
     """
     _check_folders(output, campaigns)
     settings = StudySettings(
-        sensors=sensor.kinds(), quick=quick, seed=seed, workers=workers, campaigns=campaigns
+        sensors=_sensors(sensor), quick=quick, seed=seed, workers=workers, campaigns=campaigns
     )
     with progress_bars(keep=True, time_left=True) as progress:
         try:
@@ -124,6 +120,16 @@ def reproduce_command(
         print_json(_document(result, written))
     else:
         _print(result, written)
+
+
+def _sensors(name: str) -> tuple[SensorKind, ...]:
+    """Return the study's sensors that a name stands for."""
+    kinds = tuple(kind for kind in SENSOR_KINDS if name in {kind, _BOTH})
+    if not kinds:
+        known = (*SENSOR_KINDS, _BOTH)
+        msg = f"expected one of {', '.join(known)}, got {name!r}{suggestion(name, known)}"
+        raise typer.BadParameter(msg, param_hint="--sensor")
+    return kinds
 
 
 def _check_folders(output: Path, campaigns: Path | None) -> None:

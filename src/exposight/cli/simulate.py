@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,23 +18,25 @@ from exposight.cli.output import (
     progress_bars,
 )
 from exposight.cli.simulation_summary import SimulationRun, print_run, run_document
-from exposight.twin.planned_views import views
-from exposight.twin.scene_files import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
-from exposight.twin.simulated_cell import (
+from exposight.errors import MissingFileError
+from exposight.twin.campaign import (
+    OBSERVATIONS_FILE,
     CellSettings,
+    count_views,
     scene_at,
     simulate,
     simulate_observations,
+    views_folder,
 )
-from exposight.twin.view_captures import OBSERVATIONS_FILE
-from exposight.twin.view_tables import count_views, views_folder
+from exposight.twin.part import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
+from exposight.twin.plans import views
 from exposight.twin.workers import usual_workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from exposight.observing import ObservationTable
-    from exposight.twin.plan import MeasuringPlan
+    from exposight.twin.plans import MeasuringPlan
 
 _CORES = usual_workers()
 
@@ -122,16 +123,31 @@ _List = Annotated[bool, typer.Option("--list", help="List the plans that have a 
 class _Tally:
     """Hands progress on and remembers it."""
 
-    def __init__(self, tell: Callable[[int, int], None]) -> None:
+    def __init__(self, tell: Callable[[str, int, int], None], title: str) -> None:
         self._tell = tell
+        self._title = title
+        self._stage = ""
         self.before: int | None = None
         self.total = 0
 
     def __call__(self, done: int, total: int) -> None:
         if self.before is None:
             self.before = done
+        else:
+            self._end_stage()
         self.total = total
-        self._tell(done, total)
+        self._tell(self._title, done, total)
+
+    def stage(self, words: str) -> None:
+        """Tell what begins before there is progress to count."""
+        self._end_stage()
+        self._stage = words
+        self._tell(words, 0, 1)
+
+    def _end_stage(self) -> None:
+        if self._stage:
+            self._tell(self._stage, 1, 1)
+        self._stage = ""
 
 
 def simulate_command(
@@ -169,16 +185,15 @@ def simulate_command(
     if plan is None:
         msg = "give a measuring plan: a TOML or YAML file, or a name from --list"
         raise typer.BadParameter(msg)
+    if observe and (no_clouds or raw_frames):
+        msg = "--observe keeps neither clouds nor frames: leave out --no-clouds and --raw-frames"
+        raise typer.BadParameter(msg)
+    _check_cluster(cluster, workers)
+    _check_scene(scene)
     chosen = plan_from(plan)
     if export_folder is not None:
         _export(chosen, scene, export_folder, as_json=as_json)
         return
-    if cluster is not None and workers is not None:
-        msg = "--workers are processes here, --cluster are others: give one of them"
-        raise typer.BadParameter(msg)
-    if observe and (no_clouds or raw_frames):
-        msg = "--observe keeps neither clouds nor frames: leave out --no-clouds and --raw-frames"
-        raise typer.BadParameter(msg)
     settings = CellSettings(
         rings_only=rings_only,
         clouds=not no_clouds,
@@ -187,23 +202,45 @@ def simulate_command(
         cluster=cluster,
         scene=scene,
     )
-    table: ObservationTable | None = None
     if observe:
         run, table = _observed(chosen, output or Path("observations.csv"), settings)
     else:
-        run = _simulated(chosen, output or Path("campaign"), settings)
+        run, table = _simulated(chosen, output or Path("campaign"), settings), None
     if as_json:
         print_json(run_document(run, table))
     else:
         print_run(run, table)
 
 
+def _check_cluster(address: str | None, workers: int | None) -> None:
+    if address is None:
+        return
+    if workers is not None:
+        msg = "--workers are processes here, --cluster are others: give one of them"
+        raise typer.BadParameter(msg)
+    if "://" not in address:
+        msg = (
+            f"{address!r} lacks the protocol; expected the address that the scheduler prints, such "
+            "as tcp://host:8786"
+        )
+        raise typer.BadParameter(msg, param_hint="--cluster")
+
+
+def _check_scene(folder: Path | None) -> None:
+    if folder is not None and not (folder / MESH_FILE).is_file():
+        msg = (
+            f"no mesh at {folder / MESH_FILE}; expected a folder as this command makes it: "
+            "exposight simulate PLAN --export-scene FOLDER"
+        )
+        raise MissingFileError(msg)
+
+
 def _simulated(plan: MeasuringPlan, output: Path, settings: CellSettings) -> SimulationRun:
     start = time.perf_counter()
     with progress_bars(keep=True, time_left=True) as progress:
-        tally = _Tally(partial(progress, f"simulating {plan.name}"))
+        tally = _Tally(progress, f"simulating {plan.name}")
         try:
-            simulate(plan, output, settings, tally)
+            simulate(plan, output, settings, tally, stage=tally.stage)
         except KeyboardInterrupt as error:
             raise KeyboardInterrupt(_stopped(output, tally)) from error
     return _run_of(plan, output, settings, tally, time.perf_counter() - start)
@@ -224,9 +261,11 @@ def _observed(
 ) -> tuple[SimulationRun, ObservationTable]:
     start = time.perf_counter()
     with progress_bars(keep=True, time_left=True) as progress:
-        tally = _Tally(partial(progress, f"simulating and observing {plan.name}"))
+        tally = _Tally(progress, f"simulating and observing {plan.name}")
         try:
-            table = simulate_observations(plan, settings, tally, table_path=output)
+            table = simulate_observations(
+                plan, settings, tally, table_path=output, stage=tally.stage
+            )
         except KeyboardInterrupt as error:
             msg = "stopped by Ctrl-C before the first view was finished"
             if finished := count_views(output):

@@ -8,15 +8,14 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from exposight.cli.output import count, note, number, percent, print_facts, print_line, print_table
-from exposight.twin.view_captures import OBSERVATIONS_FILE
+from exposight.twin.campaign import OBSERVATIONS_FILE
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from exposight.observing import ObservationTable
-    from exposight.twin.plan import MeasuringPlan
-    from exposight.twin.planned_views import PlannedView
-    from exposight.twin.simulated_cell import CellSettings
+    from exposight.twin.campaign import CellSettings
+    from exposight.twin.plans import MeasuringPlan, PlannedView
 
 __all__ = ["SimulationRun", "print_run", "run_document"]
 

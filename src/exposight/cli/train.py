@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from exposight.cell import PRESETS
-from exposight.cli.arguments import sensor_from
+from exposight.cli.arguments import make_folder, sensor_from
 from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperparameters
 from exposight.cli.output import (
     JsonOption,
@@ -24,7 +24,8 @@ from exposight.cli.output import (
     print_table,
     progress_bars,
 )
-from exposight.errors import FileError
+from exposight.cli.suggestions import suggestion
+from exposight.errors import InputError
 from exposight.models import (
     MODEL_SUFFIX,
     MODELS,
@@ -36,7 +37,7 @@ from exposight.observing import read_observations
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
-    from exposight.models import TrainedModel
+    from exposight.models import ModelSpecification, TrainedModel
     from exposight.observing import ObservationTable
 
 _ALL = "all"
@@ -100,12 +101,12 @@ def train_command(
 
       exposight train observations.csv -m q_k4 -m e_k6 -o models/
     """
-    specifications = MODELS if _ALL in models else tuple(map(model_named, dict.fromkeys(models)))
+    specifications = MODELS if _ALL in models else tuple(map(_model, dict.fromkeys(models)))
     table = read_observations(observations)
     owner = None if sensor is None else sensor_from(sensor)
     if owner is not None:
         _check_exposures(table, owner)
-    _make_folder(output)
+    make_folder(output, "the models")
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     trained = []
     with progress_bars(keep=True) as progress:
@@ -132,18 +133,18 @@ def train_command(
         _print(trained)
 
 
+def _model(name: str) -> ModelSpecification:
+    try:
+        return model_named(name)
+    except InputError as error:
+        msg = f"{error}, {_ALL}{suggestion(name, (*(own.name for own in MODELS), _ALL))}"
+        raise InputError(msg) from error
+
+
 def _check_exposures(table: ObservationTable, sensor: ActiveSensor) -> None:
     """Check that the sensor can have taken these exposure times: wrong unit, or wrong sensor."""
     for exposure_ms in table.array(["exposure_ms"])[:, 0].tolist():
         sensor.check_exposure(exposure_ms)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"{folder} cannot be used for the models: {error.strerror or error}"
-        raise FileError(msg) from error
 
 
 def _document(done: _Trained) -> dict[str, object]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -316,9 +317,15 @@ def _check_header(
         msg = f"{path}: missing columns {', '.join(missing)}; found {', '.join(columns)}"
         raise FormatError(msg)
     if closed and (missing or unknown):
+        meant = [
+            f"; did you mean {close[0]!r} by {name!r}?"
+            for name in unknown
+            if (close := get_close_matches(name, SCHEMA, n=1))
+        ]
         msg = (
             f"{path}: wrong header: missing {missing or 'none'}, unknown {unknown or 'none'}; "
             f"expected {', '.join(SCHEMA)}, of which those after radius_mm may be left out"
+            + "".join(meant)
         )
         raise FormatError(msg)
 

@@ -1,0 +1,82 @@
+"""Ctrl-C before a command has begun: a line, status 130, no traceback."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+
+MESSAGE = "stopped by Ctrl-C before anything was begun"
+
+
+def interrupted_at(module, *words):
+    """Run the program and interrupt it as soon as it has imported a module."""
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-m", "exposight", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.rpartition("|")[2].strip() == module:
+                process.send_signal(signal.SIGINT)
+                break
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    told = [line for line in stderr.splitlines() if not line.startswith("import time:")]
+    return process.returncode, stdout, told
+
+
+@pytest.mark.parametrize("module", ["typer", "numpy.linalg", "numba.core.types", "cv2"])
+def test_while_modules_are_imported(module):
+    status, stdout, told = interrupted_at(module, "observe", "none")
+    assert status == 130
+    assert stdout == ""
+    assert told == [f"error: {MESSAGE}"]
+
+
+def test_for_machines():
+    status, stdout, told = interrupted_at("numpy.linalg", "observe", "none", "--json")
+    assert status == 130
+    assert json.loads(stdout) == {"error": {"type": "Interrupted", "message": MESSAGE}}
+    assert told == []
+
+
+def test_a_program_that_ignores_interrupts_keeps_doing_so():
+    script = (
+        "import os, signal\n"
+        "from exposight.cli.interrupts import ended_by_interrupts\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "with ended_by_interrupts():\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "print('on')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "on\n")
+
+
+def test_afterwards_interrupts_are_python_s_again():
+    script = (
+        "import os, signal\n"
+        "from exposight.cli.interrupts import ended_by_interrupts\n"
+        "with ended_by_interrupts():\n"
+        "    pass\n"
+        "try:\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "except KeyboardInterrupt:\n"
+        "    print('heard')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, encoding="utf-8", check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "heard\n")

@@ -1,0 +1,154 @@
+"""``exposight sensor``: a calibration and what it does not tell."""
+
+import cv2
+import numpy as np
+import pytest
+
+from exposight.cell import read_sensor
+
+NEEDED = ("--name", "mine", "--exposures", 1, 500, "--working-distance", 400, 800)
+
+CAMERA_INFO = """image_width: 1280
+image_height: 960
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [1100., 0., 640., 0., 1101., 480., 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, 0., 0., 0., 0.]
+"""
+
+POSE = "1 0 0 220\n0 1 0 0\n0 0 1 80\n0 0 0 1\n"
+
+
+def write_calibration(path, baseline=220.0):
+    """As procam-calibration writes it: the projector's size is not in it."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, matrix in {
+        "img_shape": np.array([[960, 1280]]),
+        "cam_int": np.array([[1100.0, 0, 640], [0, 1101, 480], [0, 0, 1]]),
+        "cam_dist": np.zeros((1, 5)),
+        "proj_int": np.array([[900.0, 0, 512], [0, 900, 384], [0, 0, 1]]),
+        "proj_dist": np.zeros((1, 5)),
+        "roration": np.eye(3),
+        "translation": np.array([[-baseline], [0.0], [-80.0 * baseline / 220.0]]),
+    }.items():
+        storage.write(name, matrix)
+    storage.release()
+    return path
+
+
+@pytest.fixture
+def camera_info(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(CAMERA_INFO, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def failing(run):
+    def invoke(*words, status=1):
+        result = run("sensor", *words)
+        assert result.exit_code == status
+        return " ".join(result.stderr.replace("│", " ").split())
+
+    return invoke
+
+
+def test_camera_and_projector(tmp_path, run_json):
+    calibration = write_calibration(tmp_path / "c.xml")
+    output = tmp_path / "sensor.json"
+    size = ("--projector-size", 1024, 768)
+    told = run_json("sensor", calibration, *NEEDED, *size, "--exposure-step", 0.5, "-o", output)
+    sensor = read_sensor(output)
+    assert told["sensor"] == str(output)
+    assert told["facts"]["exposures_ms"] == [1.0, 500.0, 0.5]
+    assert (sensor.name, sensor.camera.fy, sensor.camera.width) == ("mine", 1101.0, 1280)
+    assert (sensor.projector.width, sensor.projector.height) == (1024, 768)
+    # The file has the projector's frame seen from the camera's the other way round.
+    np.testing.assert_allclose(
+        sensor.projector.camera_from_projector.translation_mm, [220.0, 0.0, 80.0]
+    )
+
+
+def test_the_tcp_lies_in_the_middle_unless_told(camera_info, tmp_path, run_json):
+    for words, middle_mm in (((), 600.0), (("--tcp-distance", 500), 500.0)):
+        run_json("sensor", camera_info, *NEEDED, *words, "-o", tmp_path / "s.json")
+        tcp = read_sensor(tmp_path / "s.json").camera_from_tcp
+        assert tcp.translation_mm.tolist() == [0.0, 0.0, middle_mm]
+
+
+def test_one_camera_has_no_projector(camera_info, tmp_path, run):
+    result = run("sensor", camera_info, *NEEDED, "-o", tmp_path / "s.json")
+    assert "projector            not known" in result.stdout
+    assert read_sensor(tmp_path / "s.json").projector is None
+
+
+def test_one_camera_and_a_projector_of_its_own(camera_info, tmp_path, run_json):
+    pose = tmp_path / "pose.txt"
+    pose.write_text(POSE, encoding="utf-8")
+    words = ("--projector", camera_info, "--projector-pose", pose, "-o", tmp_path / "s.json")
+    run_json("sensor", camera_info, *NEEDED, *words)
+    projector = read_sensor(tmp_path / "s.json").projector
+    assert projector.camera_from_projector.translation_mm.tolist() == [220.0, 0.0, 80.0]
+
+
+def test_observe_takes_it(camera_info, tmp_path, run_json):
+    run_json("sensor", camera_info, *NEEDED, "-o", tmp_path / "s.json")
+    assert run_json("info", tmp_path / "s.json")["kind"] == "sensor"
+
+
+@pytest.mark.parametrize("option", ["--name", "--exposures", "--working-distance"])
+def test_what_a_calibration_lacks_is_asked_for(option, camera_info, failing):
+    start = NEEDED.index(option)
+    length = 2 if option == "--name" else 3
+    words = NEEDED[:start] + NEEDED[start + length :]
+    assert f"Missing option '{option}'" in failing(camera_info, *words, status=2)
+
+
+def test_the_projector_s_size_is_asked_for(tmp_path, failing):
+    told = failing(write_calibration(tmp_path / "c.xml"), *NEEDED)
+    assert "the projector's size is not in the file; give its width and height" in told
+
+
+def test_a_calibration_in_metres(tmp_path, failing):
+    calibration = write_calibration(tmp_path / "c.xml", baseline=0.220)
+    told = failing(calibration, *NEEDED, "--projector-size", 1024, 768)
+    assert "stand 0.2341 mm apart, which cannot be: is the translation in m?" in told
+
+
+def test_a_projector_without_its_pose(camera_info, failing):
+    told = failing(camera_info, *NEEDED, "--projector", camera_info, status=2)
+    assert "needs both its --projector and its --projector-pose" in told
+
+
+def test_a_projector_given_twice(camera_info, tmp_path, failing):
+    calibration = write_calibration(tmp_path / "c.xml")
+    told = failing(calibration, *NEEDED, "--projector", camera_info, status=2)
+    assert "holds the projector: leave out --projector" in told
+
+
+def test_a_tcp_where_nothing_is_measured(camera_info, failing):
+    told = failing(camera_info, *NEEDED, "--tcp-distance", 900, status=2)
+    assert "expected 400 to 800 mm, as --working-distance says, got 900" in told
+
+
+def test_exposure_times_the_wrong_way_round(camera_info, failing):
+    words = ("--name", "mine", "--exposures", 500, 1, "--working-distance", 400, 800)
+    assert "exposure times need 0 < minimum ≤ maximum" in failing(camera_info, *words)
+
+
+def test_a_calibration_of_a_program_that_nobody_knows(tmp_path, failing):
+    path = tmp_path / "c.yml"
+    path.write_text("%YAML:1.0\n---\nfocal: 3.0\n", encoding="utf-8")
+    told = failing(path, *NEEDED)
+    assert "named as by slstudio or procam-calibration, or a ROS camera_info" in told
+    assert "the file has focal" in told
+
+
+def test_another_suffix(camera_info, failing):
+    told = failing(camera_info, *NEEDED, "-o", "sensor.yaml", status=2)
+    assert "a sensor's document ends in .json, got the name sensor.yaml" in told

@@ -1,0 +1,119 @@
+"""Tables and clouds in other units than ours: they are noticed, and what to do is said."""
+
+import polars as pl
+import pytest
+
+from exposight.cell import CampaignFolder, CampaignWriter, Capture, Cloud, read_cloud, write_cloud
+from exposight.observing import ObservationTable, read_observations
+
+
+@pytest.fixture
+def scaled(observations, tmp_path):
+    """Write the plate's table with its exposure times in another unit."""
+
+    def write(factor):
+        frame = read_observations(observations).frame
+        path = tmp_path / "scaled.csv"
+        ObservationTable(frame=frame.with_columns(pl.col("exposure_ms") * factor)).write(path)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "remedy"),
+    [
+        (1e-3, "s", "multiply by 1000 in column exposure_ms"),
+        (1e3, "µs", "divide by 1000 in column exposure_ms"),
+        (1e6, "ns", "divide by 1000000 in column exposure_ms"),
+    ],
+)
+@pytest.mark.parametrize("name", ["q_k4", "e_k4"])
+def test_exposure_times_in_another_unit(name, factor, unit, remedy, scaled, models, run_json):
+    model = models / f"{name}.exposight-model"
+    table = scaled(factor)
+    for told in (
+        run_json("evaluate", model, table)["models"][0],
+        run_json("predict", model, table),
+    ):
+        assert f"they seem to be in {unit}; {remedy}, which is in ms" in told["remark"]
+
+
+def test_people_are_told_too(scaled, models, run):
+    model, table = models / "e_k4.exposight-model", scaled(1e-3)
+    for command in ("evaluate", "predict"):
+        shown = " ".join(run(command, model, table).stdout.split())
+        assert "note: the exposure times here, 0.001 to 0.04, do not fit those of e_k4" in shown
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 3.0])
+def test_exposure_times_in_ms_are_not_remarked_on(factor, scaled, models, run_json):
+    told = run_json("predict", models / "e_k4.exposight-model", scaled(factor))
+    assert told["remark"] == ""
+
+
+def test_a_table_without_exposure_times_is_not_remarked_on(models, tmp_path, run_json):
+    path = tmp_path / "planned.csv"
+    path.write_text("i_avg,z_mm,x_mm,y_mm\n80,0,50,-40\n", encoding="utf-8")
+    assert run_json("predict", models / "e_k4.exposight-model", path)["remark"] == ""
+
+
+@pytest.fixture
+def in_metres(single, tmp_path):
+    """Return the words that observe the single capture, its cloud in m."""
+    path = tmp_path / "metres.ply"
+    write_cloud(path, Cloud(points=1e-3 * read_cloud(single / "cloud.ply").points))
+    return (
+        *("observe", "--image", single / "stripes.png", "--cloud", path),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--pose", single / "pose.txt", "-o", tmp_path / "o.csv"),
+    )
+
+
+def test_a_cloud_in_metres_is_refused(in_metres, tmp_path, run):
+    result = run(*in_metres)
+    assert result.exit_code == 1
+    assert "the cloud's points lie 0.6" in result.stderr
+    assert "its unit is m, not mm; say --cloud-unit m" in result.stderr
+    assert not (tmp_path / "o.csv").exists()
+
+
+def test_a_cloud_whose_unit_is_said(in_metres, single, tmp_path, run_json):
+    run_json(*in_metres, "--cloud-unit", "m")
+    told = read_observations(tmp_path / "o.csv")
+    pose = ("--pose", single / "pose.txt", "-o", tmp_path / "mm.csv")
+    words = [word for word in in_metres[:-4] if word != tmp_path / "metres.ply"]
+    words.insert(words.index("--cloud") + 1, single / "cloud.ply")
+    run_json(*words, *pose)
+    assert told.frame.equals(read_observations(tmp_path / "mm.csv").frame)
+
+
+def test_a_campaign_of_clouds_in_metres_is_refused(campaign, tmp_path, run):
+    recorded = CampaignFolder(campaign)
+    capture = next(recorded.captures())
+    with CampaignWriter.open_or_create(
+        tmp_path / "metres", name="metres", sensor=recorded.sensor, part=recorded.part
+    ) as writer:
+        writer.add(
+            Capture(
+                view=capture.view,
+                exposure_ms=capture.exposure_ms,
+                image=capture.image,
+                cloud=Cloud(points=1e-3 * read_points(recorded)),
+                camera_from_part=capture.camera_from_part,
+            )
+        )
+    result = run("observe", tmp_path / "metres", "-o", tmp_path / "o.csv")
+    assert result.exit_code == 1
+    assert "multiply the clouds by 1000 before they are put into a campaign" in result.stderr
+
+
+def read_points(campaign):
+    """The first cloud of a campaign that has a point."""
+    return next(own.cloud.points for own in campaign.captures() if own.cloud.n_valid)
+
+
+def test_a_campaign_s_unit_cannot_be_said(campaign, run):
+    result = run("observe", campaign, "--cloud-unit", "m")
+    assert result.exit_code == 2
+    assert "not both (got --cloud-unit)" in " ".join(result.stderr.replace("│", " ").split())
