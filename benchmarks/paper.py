@@ -2,7 +2,7 @@
 
 Run with ``make bench NAME=paper``. The door is built and the loops are compiled first, where that
 was not done yet, and not timed. Structured light is measured in full but for the finer grid; the
-stereo sensor on a twelfth of its views at a third of its exposures (`exposight.paper.collection`).
+stereo sensor on an eighth of its views at a third of its exposures (`exposight.paper.campaigns`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from pathlib import Path
 
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from exposight.paper import StudyResult, StudySettings, run_study
-from exposight.paper.collection import CAMPAIGNS, campaign_plan
-from exposight.twin.cell_settings import CellSettings
-from exposight.twin.door import door
-from exposight.twin.simulated_cell import simulate_observations
+from exposight.paper.campaigns import CAMPAIGNS, campaign_plan
+from exposight.twin.campaign import CellSettings, simulate_observations
+from exposight.twin.part import door
 
 _WORKERS = 2
 

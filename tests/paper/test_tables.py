@@ -24,16 +24,8 @@ def rung(name: str) -> Rung:
     return next(own for own in LADDER if own.name == name)
 
 
-def trained(
-    name: str,
-    observed: list[float] | None = None,
-    predicted: list[float] | None = None,
-    *,
-    std: float = 0.15,
-    at_bound: tuple[str, ...] = (),
-) -> TrainedRung:
-    """A rung whose one line under ``test`` has these predictions; without any, no rows."""
-    own = rung(name)
+def model_of(own: Rung, at_bound: tuple[str, ...]) -> TrainedModel:
+    """A model of a rung, with hyperparameters chosen by hand."""
     inputs = len(own.specification.inputs)
     kernel = (
         RationalQuadratic(
@@ -43,7 +35,7 @@ def trained(
         if own.unit == "%"
         else Exponential(variance=9.0, length_scales=(7.0,), dims=range(inputs))
     )
-    model = TrainedModel(
+    return TrainedModel(
         specification=own.specification,
         process=GaussianProcess.condition(
             kernel, 0.04, np.full((THREE, inputs), 50.0) + np.arange(THREE)[:, None], np.ones(THREE)
@@ -64,6 +56,18 @@ def trained(
         ),
         sensor=None,
     )
+
+
+def trained(
+    name: str,
+    observed: list[float] | None = None,
+    predicted: list[float] | None = None,
+    *,
+    std: float = 0.15,
+    at_bound: tuple[str, ...] = (),
+) -> TrainedRung:
+    """A rung whose one line under ``test`` has these predictions; without any, no rows."""
+    own = rung(name)
     line = next(own for own in own.evaluations if own.role == "test")
     result = None
     if observed is not None and predicted is not None:
@@ -85,7 +89,7 @@ def trained(
         score=result.score if result else None,
         relative_error_percent=None,
     )
-    return TrainedRung(rung=own, model=model, path=Path("model"), scores=(found,))
+    return TrainedRung(rung=own, model=model_of(own, at_bound), path=Path("model"), scores=(found,))
 
 
 def the_row(own: TrainedRung) -> ScoreRow:

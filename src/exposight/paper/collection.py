@@ -9,78 +9,31 @@ is asked for) must be there; what depends on the others is left out of the table
 
 from __future__ import annotations
 
-import hashlib
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.cell.documents import sha256_of
-from exposight.durable import write_durably
-from exposight.errors import (
-    DamagedFileError,
-    FeatureError,
-    FileError,
-    MissingFileError,
-    ObservationError,
-    SensorError,
-)
+from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
 from exposight.observing import ObservationTable, observe_campaign, read_observations
-from exposight.paper.datasets import DATASETS, TEST, TRAINING
-from exposight.twin.cell_settings import CellSettings
-from exposight.twin.plan_file import plan_to_toml
-from exposight.twin.plan_presets import plan_preset
-from exposight.twin.simulated_cell import scene_at, simulate_observations
-from exposight.twin.simulation_record import scene_checksum
+from exposight.paper.campaigns import CAMPAIGNS, campaign_plan, plan_size
+from exposight.paper.kept_tables import kept_table, seal_table, table_path
+from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simulate_observations
+from exposight.twin.plans import plan_to_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.paper.result import SensorKind, StudySettings
-    from exposight.twin.plan import DepthPlane, MeasuringPlan, RandomPositions
+    from exposight.paper.campaigns import Campaign
+    from exposight.paper.result import StudySettings
+    from exposight.twin.plans import MeasuringPlan
 
-__all__ = ["CAMPAIGNS", "Campaign", "ObservedCampaign", "campaign_plan", "collect"]
+__all__ = ["ObservedCampaign", "collect"]
 
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Campaign:
-    """A campaign that the study needs.
-
-    Parameters
-    ----------
-    name : str
-        What the study calls it.
-    sensor : {'structured-light', 'stereo'}
-        Which sensor's.
-    required : bool
-        Whether a study of this sensor is impossible without it.
-    """
-
-    name: str
-    sensor: SensorKind
-    required: bool = False
-
-    def features(self) -> tuple[str, ...]:
-        """Return the features that the datasets take from it."""
-        used = (name for own in DATASETS if self.name in own.campaigns for name in own.features)
-        return tuple(dict.fromkeys(used))
-
-
-CAMPAIGNS: Final = (
-    Campaign(name="inside", sensor="structured-light", required=True),
-    Campaign(name="finer", sensor="structured-light"),
-    Campaign(name="lighting-1", sensor="structured-light"),
-    Campaign(name="lighting-2", sensor="structured-light"),
-    Campaign(name="lighting-3", sensor="structured-light"),
-    Campaign(name="outside", sensor="structured-light"),
-    Campaign(name="stereo-inside", sensor="stereo", required=True),
-    Campaign(name="stereo-outside", sensor="stereo"),
-)
-"""All campaigns, in the order in which they are measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,64 +56,6 @@ class ObservedCampaign:
     sensor: ActiveSensor
     table: ObservationTable
     description: str
-
-
-def campaign_plan(campaign: Campaign, *, quick: bool) -> MeasuringPlan:
-    """Return the measuring plan by which a campaign is simulated.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Which one.
-    quick : bool
-        Measure a share of the positions and exposure times: of ``finer`` every second x and y (9 of
-        25 views), of ``stereo-inside`` a quarter of the x, a third of the y (20 of 240 views), of
-        ``stereo-outside`` two of six views; of both a third of the exposure times. The other
-        campaigns are measured in full.
-    """
-    plan = _full_plan(campaign.name)
-    if not quick:
-        return plan
-    match campaign.name:
-        case "finer":
-            return _thinned(plan, x=slice(0, None, 2), y=slice(0, None, 2), exposures=slice(None))
-        case "stereo-inside":
-            return _thinned(plan, x=slice(1, None, 4), y=slice(1, None, 3), exposures=_THIRD)
-        case "stereo-outside":
-            (positions,) = plan.random
-            fewer = replace(positions, count=2, exposures_ms=positions.exposures_ms[_THIRD])
-            return replace(plan, random=(fewer,))
-    return plan
-
-
-_THIRD = slice(1, None, 3)
-
-
-def _full_plan(name: str) -> MeasuringPlan:
-    match name:
-        case "finer":  # eX⁺⁺ less what `inside` has already
-            plan = plan_preset("ex-plusplus")
-            return replace(plan, name=name, planes=plan.planes[-1:])
-        case "outside":
-            return replace(plan_preset("x-out"), name=name)
-        case "stereo-inside":  # X and X test see the same views
-            return replace(plan_preset("stereo-x"), name=name, features=TRAINING + TEST)
-        case "stereo-outside":
-            return replace(plan_preset("stereo-x-out"), name=name)
-    return plan_preset(name)
-
-
-def _thinned(plan: MeasuringPlan, *, x: slice, y: slice, exposures: slice) -> MeasuringPlan:
-    planes = (
-        replace(
-            plane,
-            x_mm=plane.x_mm[x],
-            y_mm=plane.y_mm[y],
-            exposures_ms=plane.exposures_ms[exposures],
-        )
-        for plane in plan.planes
-    )
-    return replace(plan, planes=tuple(planes))
 
 
 def collect(
@@ -212,12 +107,12 @@ def _simulated(
 ) -> ObservedCampaign:
     plan = campaign_plan(campaign, quick=settings.quick)
     decisive = (plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
-    path = folder / f"{campaign.name}-{_short(decisive)}.parquet"
-    table = _kept(path)
+    path = table_path(folder, campaign.name, decisive)
+    table = kept_table(path)
     if table is None:
         cell = CellSettings(rings_only=campaign.sensor != "stereo", workers=settings.workers)
         table = simulate_observations(plan, cell, progress, table_path=path)
-        _seal(path)
+        seal_table(path)
     return ObservedCampaign(
         campaign=campaign,
         sensor=sensor_preset(plan.sensor),
@@ -231,28 +126,11 @@ def _extent(views: int, captures: int) -> str:
 
 
 def _described(campaign: Campaign, plan: MeasuringPlan) -> str:
-    full = _full_plan(campaign.name)
-    views, captures = _size(plan)
-    all_views, all_captures = _size(full)
+    size, whole = plan_size(plan), plan_size(campaign_plan(campaign, quick=False))
     share = (
-        ""
-        if (views, captures) == (all_views, all_captures)
-        else f"; the full study has {all_views} views and {all_captures} captures"
+        f"; the full study has {whole[0]} views and {whole[1]} captures" if size != whole else ""
     )
-    return (
-        f"{campaign.name}: {views} view{'s' * (views != 1)}, {captures} captures, simulated{share}"
-    )
-
-
-def _size(plan: MeasuringPlan) -> tuple[int, int]:
-    """Return numbers of planned views and captures."""
-    views = [_n_positions(group) for group in plan.groups]
-    counts = zip(views, plan.groups, strict=True)
-    return sum(views), sum(n * len(group.exposures_ms) for n, group in counts)
-
-
-def _n_positions(group: DepthPlane | RandomPositions) -> int:
-    return len(tuple(group.names() if hasattr(group, "names") else group.positions()))
+    return f"{campaign.name}: {_extent(*size)}, simulated{share}"
 
 
 def _recorded(
@@ -319,45 +197,10 @@ def _observed(
     # Documents carry the checksums of all other files.
     documents = sorted(path for path in source.rglob("*.json") if path.is_file())
     decisive = (*(sha256_of(path.read_bytes()) for path in documents), __version__)
-    path = folder / f"{campaign.name}-{_short(decisive)}.parquet"
-    table = _kept(path)
+    path = table_path(folder, campaign.name, decisive)
+    table = kept_table(path)
     if table is None:
         table = observe_campaign(recording, progress=progress)
         table.write(path)
-        _seal(path)
+        seal_table(path)
     return recording.sensor, table
-
-
-def _kept(path: Path) -> ObservationTable | None:
-    """Return the table that an earlier run kept; a damaged one is measured again."""
-    if not path.is_file():
-        return None
-    try:
-        _check_seal(path)
-        return read_observations(path)
-    except (FileError, ObservationError) as error:
-        _logger.warning("measured again: %s", error)
-        path.unlink()
-        return None
-
-
-def _seal_path(path: Path) -> Path:
-    return path.with_suffix(".sha256")
-
-
-def _seal(path: Path) -> None:
-    write_durably(_seal_path(path), sha256_of(path.read_bytes()).encode())
-
-
-def _check_seal(path: Path) -> None:
-    seal = _seal_path(path)
-    if not seal.is_file():  # killed between the two; the table itself is whole or absent
-        _seal(path)
-        return
-    if seal.read_bytes() != sha256_of(path.read_bytes()).encode():
-        msg = f"{path}: damaged: its checksum is not that in {seal.name}"
-        raise DamagedFileError(msg)
-
-
-def _short(decisive: tuple[str, ...]) -> str:
-    return hashlib.sha256("\n".join(decisive).encode()).hexdigest()[:12]

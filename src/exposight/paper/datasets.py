@@ -7,7 +7,7 @@ rows below p_norm 0.75 (Sect. 3.4.1), and test features are seen in the same vie
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -60,7 +60,7 @@ class DatasetDefinition:
     sensor : {'structured-light', 'stereo'}
         Which sensor's.
     campaigns : tuple of str
-        Campaigns (`exposight.paper.collection`) whose rows it has.
+        Campaigns (`exposight.paper.campaigns`) whose rows it has.
     features : tuple of str
         The features that it keeps.
     p_norm_min : float or None
@@ -205,13 +205,8 @@ def build_dataset(
     train, validation = _sides(table, random_split(len(table), share, rng))
     by_view = split_by_group(table.names("view").astype(str), share, rng)
     train_by_view, validation_by_view = _sides(table, by_view)
-    return Dataset(
-        name=definition.name,
-        title=definition.title,
-        sensor=definition.sensor,
-        features=definition.features,
-        p_norm_min=definition.p_norm_min,
-        table=table,
+    return replace(
+        whole,
         train=train,
         validation=validation,
         train_by_view=train_by_view,

@@ -8,7 +8,7 @@ beside every validation on a random split one on a split by whole views.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 from exposight.models import model_named
 from exposight.models.exposure_time import product_kernel
@@ -16,9 +16,16 @@ from exposight.paper.datasets import OUTSIDE, POSE, POSITION
 from exposight.paper.result import Rung, RungEvaluation, SensorKind
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from exposight.models import ModelSpecification
+    from exposight.paper.result import EvaluationRole
 
 __all__ = ["LADDER", "LEARNING_RUNGS"]
+
+_Test: TypeAlias = Literal["test", "test_inside"]
+
+_BOTH: Final[tuple[_Test, ...]] = ("test", "test_inside")
 
 _FINISHES = (
     ("f1-5_out", ()),
@@ -38,7 +45,7 @@ def _rung(
     *,
     paper: str,
     suffix: str = "",
-    tests: tuple[str, ...] = ("test",),
+    tests: tuple[_Test, ...] = ("test",),
     further: tuple[RungEvaluation, ...] = (),
 ) -> Rung:
     """Make a rung with its lines of Tables 2, 3 or 5.
@@ -62,52 +69,47 @@ def _rung(
     """
     sensor: SensorKind = "stereo" if dataset.startswith("s2_") else "structured-light"
     unseen = ("s2_" if sensor == "stereo" else "") + paper.rstrip("0123456789") + "_test"
-    learnt = "f1-9" if suffix else "f1-4"
-    lines = [
-        RungEvaluation(
-            table=table,
-            dataset=dataset,
-            role="validation",
-            paper_dataset=f"{paper}_val{suffix}",
-            paper_features=learnt,
-        ),
-        RungEvaluation(
-            table=table,
-            dataset=dataset,
-            role="validation_by_view",
-            paper_dataset=f"{paper}_val{suffix}_by_view",
-            paper_features=learnt,
-        ),
-    ]
-    if "test" in tests:
-        lines.append(
-            RungEvaluation(
-                table=table,
-                dataset=unseen,
-                role="test",
-                paper_dataset=f"{paper}_test",
-                paper_features="f1-4_test",
-            )
-        )
-    if "test_inside" in tests:
-        lines.append(
-            RungEvaluation(
-                table=table,
-                dataset=unseen,
-                role="test_inside",
-                paper_dataset=f"{paper}_test_i",
-                paper_features="f1-4_test",
-                inside=POSE,
-            )
-        )
+    validations = _validations(table, dataset, f"{paper}_val{suffix}", plus=bool(suffix))
     return Rung(
         name=name,
         title=title,
         sensor=sensor,
         specification=replace(specification, name=name, title=title),
         dataset=dataset,
-        evaluations=(*lines, *further),
+        evaluations=(*validations, *_tests(table, unseen, f"{paper}_test", tests), *further),
     )
+
+
+def _validations(
+    table: int, dataset: str, paper_dataset: str, *, plus: bool
+) -> Iterator[RungEvaluation]:
+    """Yield the line of the random split, then that of the split by whole views."""
+    roles: tuple[tuple[EvaluationRole, str], ...]
+    roles = (("validation", ""), ("validation_by_view", "_by_view"))
+    for role, ending in roles:
+        yield RungEvaluation(
+            table=table,
+            dataset=dataset,
+            role=role,
+            paper_dataset=f"{paper_dataset}{ending}",
+            paper_features="f1-9" if plus else "f1-4",
+        )
+
+
+def _tests(
+    table: int, dataset: str, paper_dataset: str, roles: tuple[_Test, ...]
+) -> Iterator[RungEvaluation]:
+    """Yield the lines of unseen features: all their rows, those inside the training range."""
+    for role in roles:
+        inside = role == "test_inside"
+        yield RungEvaluation(
+            table=table,
+            dataset=dataset,
+            role=role,
+            paper_dataset=f"{paper_dataset}_i" if inside else paper_dataset,
+            paper_features="f1-4_test",
+            inside=POSE if inside else (),
+        )
 
 
 def _lighting() -> tuple[RungEvaluation, ...]:
@@ -168,7 +170,6 @@ def _exposure_time() -> tuple[Rung, ...]:
         _rung(f"e_k{d}", f"exposure time, {d}D", "eX", 3, model_named(f"e_k{d}"), paper=f"eX{d}")
         for d in (1, 2, 3)
     )
-    both = ("test", "test_inside")
     later = tuple(
         _rung(
             name,
@@ -178,7 +179,7 @@ def _exposure_time() -> tuple[Rung, ...]:
             model_named(model),
             paper=f"eX{model[3]}",
             suffix=suffix,
-            tests=both,
+            tests=_BOTH,
             further=(*_lighting(), *_outside("X_out", "eX_out")) if name == "e_k6" else (),
         )
         for name, title, model, suffix in (
@@ -198,7 +199,6 @@ def _stereo() -> tuple[Rung, ...]:
     # Table 8: the stereo sensor's 4D kernel is a product too, with a length scale for each input.
     e_k4 = model_named("e_k4")
     product_4d = replace(e_k4, kernel=product_kernel(len(e_k4.inputs)), source="Sect. 4.2.3")
-    both = ("test", "test_inside")
     return tuple(
         _rung(
             name,
@@ -207,7 +207,7 @@ def _stereo() -> tuple[Rung, ...]:
             5,
             specification,
             paper=paper,
-            tests=both if further or name == "q_k6_s2" else ("test",),
+            tests=_BOTH if further or name == "q_k6_s2" else ("test",),
             further=further,
         )
         for name, title, dataset, paper, specification, further in (

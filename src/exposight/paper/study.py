@@ -24,7 +24,8 @@ from exposight import __version__
 from exposight.errors import FileError
 from exposight.evaluation import maximal_information_matrix
 from exposight.observing import ObservationTable
-from exposight.paper.collection import CAMPAIGNS, ObservedCampaign, collect
+from exposight.paper.campaigns import CAMPAIGNS
+from exposight.paper.collection import ObservedCampaign, collect
 from exposight.paper.datasets import DATASETS, build_dataset
 from exposight.paper.findings import judge
 from exposight.paper.ladder import LADDER, LEARNING_RUNGS

@@ -11,17 +11,19 @@ from exposight.paper.figure_data.curves import (
     nearest_row,
     observed_curves,
 )
+from exposight.paper.figure_data.extreme_predictions import (
+    BestAndWorst,
+    PredictedCurve,
+    best_and_worst,
+)
 from exposight.paper.figure_data.kernel_example import (
     KernelExample,
     KernelExamples,
     kernel_examples,
 )
-from exposight.paper.figure_data.predictions import (
-    BestAndWorst,
+from exposight.paper.figure_data.one_capture import (
     CaptureForecast,
     FeatureForecast,
-    PredictedCurve,
-    best_and_worst,
     capture_forecast,
 )
 from exposight.paper.figure_data.study_figures import (

@@ -17,13 +17,9 @@ from exposight.paper.figure_data.curves import (
     nearest_row,
     observed_curves,
 )
+from exposight.paper.figure_data.extreme_predictions import BestAndWorst, best_and_worst
 from exposight.paper.figure_data.kernel_example import KernelExamples, kernel_examples
-from exposight.paper.figure_data.predictions import (
-    BestAndWorst,
-    CaptureForecast,
-    best_and_worst,
-    capture_forecast,
-)
+from exposight.paper.figure_data.one_capture import CaptureForecast, capture_forecast
 from exposight.paper.figure_data.surfaces import PredictionSurfaces, prediction_surfaces
 from exposight.paper.result import DependenceMatrix, LearningCurve
 

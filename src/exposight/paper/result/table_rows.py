@@ -1,4 +1,4 @@
-"""Lines of the study's tables and figures, and its findings: plain records of numbers."""
+"""Lines of the paper's Tables 2 to 6, 8 and 9: ours beside the paper's."""
 
 from __future__ import annotations
 
@@ -6,38 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from exposight.paper.result.rungs import EvaluationRole
+    from exposight.paper.result.settings import SensorKind
 
-    from exposight.evaluation import RegressionScore
-
-__all__ = [
-    "SENSOR_KINDS",
-    "DatasetRow",
-    "DependenceMatrix",
-    "EvaluationRole",
-    "Finding",
-    "HyperparameterRow",
-    "LearningCurve",
-    "LearningStep",
-    "ScoreRow",
-    "SensorKind",
-    "StudyTables",
-]
-
-SensorKind = Literal["structured-light", "stereo"]
-"""The paper's two sensors: Zeiss COMET Pro AE, and rc_visard 65 with a dot projector (s2)."""
-
-SENSOR_KINDS: tuple[SensorKind, ...] = ("structured-light", "stereo")
-"""Both, in the paper's order."""
-
-EvaluationRole = Literal["validation", "validation_by_view", "test", "test_inside", "extended"]
-"""How evaluation rows relate to those trained on.
-
-``validation``: the rest of the random split, as in the paper. ``validation_by_view``: the rest of a
-split by whole views. ``test``: unseen features. ``test_inside``: of these, the rows inside the
-training rows' box in x, y, z, w, p (the paper's "test,i"). ``extended``: Sects. 4.1 and 4.3.
-"""
+__all__ = ["DatasetRow", "HyperparameterRow", "ScoreRow", "StudyTables"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,116 +179,3 @@ class StudyTables:
     scores: tuple[ScoreRow, ...]
     hyperparameters: tuple[HyperparameterRow, ...]
     datasets: tuple[DatasetRow, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class LearningStep:
-    """A rung trained on fewer rows.
-
-    Parameters
-    ----------
-    n_train : int
-        Rows it learnt from, drawn at random from the rung's training rows.
-    score : RegressionScore
-        On unseen features, in the target's own unit (p_norm 0–1, or ms).
-    """
-
-    n_train: int
-    score: RegressionScore
-
-
-@dataclass(frozen=True, kw_only=True)
-class LearningCurve:
-    """Figs. 22 and 23: how scores on unseen features depend on the number of observations.
-
-    Parameters
-    ----------
-    rung : str
-        Name of the rung.
-    dataset : str
-        What it is judged by.
-    role : {'test', 'test_inside'}
-        All unseen rows, or those inside the box of all the rung's training rows.
-    steps : tuple of LearningStep
-        By growing number; the last has all rows.
-    """
-
-    rung: str
-    dataset: str
-    role: EvaluationRole
-    steps: tuple[LearningStep, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DependenceMatrix:
-    """Fig. 20: maximal information coefficients of every two variables.
-
-    Parameters
-    ----------
-    dataset : str
-        Whose training rows.
-    columns : tuple of str
-        Columns of the observation table.
-    values : (d, d) ndarray
-        0–1, symmetric.
-    """
-
-    dataset: str
-    columns: tuple[str, ...]
-    values: NDArray[np.float64]
-
-    def between(self, first: str, second: str) -> float:
-        """Return the coefficient of two columns."""
-        return float(self.values[self.columns.index(first), self.columns.index(second)])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """One of the paper's statements, judged on this cell.
-
-    Statement, measure, threshold and reason are data (``paper/data/findings.toml``), fixed before
-    anything was evaluated.
-
-    Parameters
-    ----------
-    name : str
-        Short and unique, for instance ``light-alone-exposure``.
-    sensor : str
-        Which sensor's.
-    statement : str
-        What the paper says.
-    source : str
-        Where: section, table, figure.
-    measure : str
-        What the figure is, in words.
-    figure : float or None
-        What came out; None where it cannot be said (its rows were not measured).
-    comparison : {'≥', '≤'}
-        How the figure must stand to the threshold for the statement to be true.
-    threshold : float
-        In `unit`.
-    unit : str
-        Of figure and threshold; empty for a pure number.
-    reason : str
-        Why this threshold.
-    paper_figure : float or None
-        The same figure from the paper's numbers; None where they do not give it.
-    holds : bool or None
-        Whether it is true here; None where the figure is.
-    explanation : str
-        What was found to be the cause where it does not hold on the simulated cell; else empty.
-    """
-
-    name: str
-    sensor: SensorKind
-    statement: str
-    source: str
-    measure: str
-    figure: float | None
-    comparison: Literal["≥", "≤"]
-    threshold: float
-    unit: str
-    reason: str
-    paper_figure: float | None
-    holds: bool | None
-    explanation: str
