@@ -16,9 +16,15 @@
     return Plotly.newPlot(place, figure.data, figure.layout, config(place));
   });
 
-  /* Paper is narrower than the window. */
-  window.matchMedia("print").addEventListener("change", () => {
-    document.querySelectorAll(".plot").forEach((place) => Plotly.Plots.resize(place));
+  /* Paper is narrower than the window. The figures are drawn again at once, at the width of A4
+     within its margins: a browser does not wait for what is drawn later. */
+  const plots = () => [...document.querySelectorAll(".plot")];
+  window.addEventListener("beforeprint", () => {
+    plots().forEach((place) => Plotly.relayout(place,
+      { autosize: false, width: Math.min(place.clientWidth, 680) }));
+  });
+  window.addEventListener("afterprint", () => {
+    plots().forEach((place) => Plotly.relayout(place, { autosize: true, width: null }));
   });
 
   /* A menu shows the traces whose meta is its choice, and those without any. */
