@@ -42,3 +42,18 @@ def test_people_see_the_form_of_the_call(run):
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "Usage: exposight train" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("split", "o.csv", "--by", "features"), "'row'; did you mean 'feature'?"),
+        (("observe", "--cloud-unit", "mmm"), "did you mean 'mm'?"),
+        (("split", "o.csv", "--seed", "x"), "Invalid value for '--seed': expected a whole number"),
+        (("split", "o.csv", "--share", "x"), "Invalid value for '--share': expected a number"),
+    ],
+)
+def test_a_value_that_cannot_be_says_what_was_expected(words, message, run):
+    told = json.loads(run(*words, "--json").stdout)["error"]["message"]
+    assert message in told
+    assert "Value error" not in told

@@ -67,6 +67,61 @@ def test_too_few_observations(observations, tmp_path, failing):
     assert "observations" in failing("train", path, "-m", "q_k6", "-o", tmp_path)
 
 
+def test_a_table_without_rows(observations, models, tmp_path, failing):
+    path = tmp_path / "empty.csv"
+    path.write_text(observations.read_text(encoding="utf-8").splitlines()[0] + "\n", "utf-8")
+    model = models / "q_k4.exposight-model"
+    assert "has no rows, so there is nothing to predict" in failing("predict", model, path)
+    assert "has no rows, so there is nothing to split" in failing("split", path, "-o", tmp_path)
+
+
+def test_a_campaign_where_its_table_is_expected(campaign, tmp_path, failing):
+    message = failing("train", campaign, "-o", tmp_path)
+    assert "a campaign's folder, no observation table; `exposight observe` makes" in message
+
+
+def test_a_feature_list_where_a_table_is_expected(campaign, tmp_path, failing):
+    message = failing("train", campaign / "features.csv", "-o", tmp_path)
+    assert "a list of a part's features, not observations of them" in message
+
+
+def test_a_table_where_a_campaign_is_expected(observations, failing):
+    assert "a table; expected a campaign's folder" in failing("observe", observations)
+
+
+# -- outputs that are inputs --------------------------------------------------------------------
+
+
+def test_predictions_do_not_replace_their_own_table(observations, models, tmp_path, failing):
+    path = tmp_path / "planned.csv"
+    path.write_bytes(observations.read_bytes())
+    message = failing("predict", models / "q_k4.exposight-model", path, "-o", path)
+    assert "is read by this command and would be replaced; give another --output" in message
+    assert path.read_bytes() == observations.read_bytes()
+
+
+def test_a_split_does_not_replace_its_own_table(observations, tmp_path, failing):
+    path = tmp_path / "train.csv"
+    path.write_bytes(observations.read_bytes())
+    assert "would be replaced" in failing("split", path, "-o", tmp_path)
+    assert path.read_bytes() == observations.read_bytes()
+
+
+def test_observations_do_not_replace_the_features(single_options, failing):
+    call = observe_single(single_options, single_options["--image"].parent)[:-1]
+    features = single_options["--features"]
+    before = features.read_bytes()
+    assert "would be replaced" in failing(*call, features)
+    assert features.read_bytes() == before
+
+
+def test_a_file_where_a_folder_is_needed(observations, tmp_path, failing):
+    path = tmp_path / "models"
+    path.write_text("", encoding="utf-8")
+    message = failing("train", observations, "-o", path)
+    assert "cannot be used for the models: it is a file, and a folder is needed" in message
+
+
 # -- models -------------------------------------------------------------------------------------
 
 
@@ -89,14 +144,17 @@ def test_something_else_than_a_model(observations, failing):
     assert "expected a model file" in failing("predict", observations, "--i-avg", 100, *POSE)
 
 
-def test_a_missing_input(models, failing):
-    message = failing("predict", models / "q_k4.exposight-model", "--i-avg", 100, "--x-mm", 1)
+def test_a_missing_input(models, run):
+    result = run("predict", models / "q_k4.exposight-model", "--i-avg", 100, "--x-mm", 1)
+    assert result.exit_code == 2
+    message = " ".join(result.stderr.replace("│", " ").split())
     assert "give the missing --z-mm, --y-mm too" in message
 
 
-def test_an_impossible_grey_value(models, failing):
-    message = failing("predict", models / "q_k4.exposight-model", "--i-avg", 300, *POSE)
-    assert "from 0 to 255, got 300" in message
+def test_an_impossible_grey_value(models, run):
+    result = run("predict", models / "q_k4.exposight-model", "--i-avg", 300, *POSE)
+    assert result.exit_code == 2
+    assert "from 0 to 255, got 300" in " ".join(result.stderr.replace("│", " ").split())
 
 
 def test_a_table_without_the_model_s_inputs(models, tmp_path, failing):
@@ -221,6 +279,11 @@ def test_errors_are_one_json_object_for_machines(tmp_path, run):
         (["train"], "Missing argument"),
         (["train", "o.csv", "--restarts", "0"], "restarts"),
         (["learn"], "No such command"),
+        (["evaluate", "q.exposight-model"], "the observations are missing: exposight evaluate"),
+        (["evaluate", "o.csv", "q.exposight-model"], "the observations, o.csv, come last"),
+        (["evaluate", "o.csv"], "the models are missing"),
+        (["simulate", "--list", "small"], "--list lists all plans"),
+        (["simulate", "small", "--export-scene", "x", "--rings-only"], "simulates nothing"),
     ],
 )
 def test_a_wrong_call_ends_with_status_two(arguments, told, run):

@@ -61,6 +61,25 @@ def test_an_error_has_no_traceback(tmp_path):
     )
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="it has no SIGPIPE")
+@pytest.mark.parametrize("words", [("simulate", "--list"), ("simulate", "--list", "--json")])
+def test_a_reader_that_leaves_is_no_error(words):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "exposight", *words],
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            timeout=100,
+            check=False,
+            env=ENVIRONMENT,
+        )
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")  # as of a program that SIGPIPE ends
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 def test_ctrl_c_ends_in_a_line(observations, tmp_path):
     training = ("train", observations, "-m", "q_k6", "-o", tmp_path, "--restarts", "10000")

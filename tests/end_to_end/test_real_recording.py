@@ -36,10 +36,37 @@ def test_decode_prints_its_counts_and_a_preview(skull, tmp_path, run, run_json):
     assert run_json("info", preview)["facts"]["size_px"] == [2 * 1688, 1352]
 
 
-def test_decode_without_a_valid_point(skull, run):
-    result = run(*decoding(skull, "--min-modulation", 200))
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--min-modulation", 200), "no point: none of 2 282 176 pixels was decoded; the patterns"),
+        (("--depth-limits", 0.3, 2), "mm: 0 are nearer and 360 751 farther; they reach from 325"),
+    ],
+)
+def test_decode_without_a_point_says_why(skull, run, options, reason):
+    result = run(*decoding(skull, *options))
     assert result.exit_code == 1
-    assert "the cloud has no valid point" in result.stderr
+    assert "unlit, or too dark" in result.stdout  # the table of reasons
+    assert reason in result.stderr.replace("\u202f", " ").replace("\xa0", " ")
+
+
+def test_decode_says_that_it_wrote_nothing(skull, tmp_path, run):
+    assert "nothing was written: --output" in run(*decoding(skull)).stdout
+    kept = run(*decoding(skull, "--output", tmp_path / "cloud.ply"))
+    assert "nothing was written" not in kept.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "message"),
+    [
+        (("--depth-limits", 2000, 300), 2, "NEAR < FAR in mm, got 2000 300"),
+        (("--min-modulation", 300), 1, "at most 255, where grey levels end"),
+    ],
+)
+def test_decode_refuses_senseless_limits(skull, run, options, status, message):
+    result = run(*decoding(skull, *options, "--json"))
+    assert result.exit_code == status
+    assert message in result.stdout
 
 
 def test_decode_needs_every_frame(skull, tmp_path, run):

@@ -152,3 +152,15 @@ def test_a_calibration_of_a_program_that_nobody_knows(tmp_path, failing):
 def test_another_suffix(camera_info, failing):
     told = failing(camera_info, *NEEDED, "-o", "sensor.yaml", status=2)
     assert "a sensor's document ends in .json, got the name sensor.yaml" in told
+
+
+def test_a_working_distance_in_metres_is_remarked_on(tmp_path, run_json, run):
+    calibration = write_calibration(tmp_path / "c.yml")
+    words = (
+        *("sensor", calibration, "--name", "mine", "--exposures", 1, 500),
+        *("--projector-size", 1024, 768, "-o", tmp_path / "s.json"),
+    )
+    metres = ("--working-distance", 0.4, 0.8)
+    assert "if these are metres, multiply by 1000" in run_json(*words, *metres)["remark"]
+    assert "note: a working distance of 0.4 to 0.8 mm" in run(*words, *metres).stdout
+    assert run_json(*words, "--working-distance", 400, 800)["remark"] == ""

@@ -78,6 +78,12 @@ def simulated(plan, options, run_json, tmp_path_factory):
     return folder, run_json("simulate", plan, "-o", folder, *options)
 
 
+def test_no_more_workers_are_told_than_there_are_views(simulated, plan, options, run_json):
+    folder, _ = simulated
+    words = (*options[:-1], 5)  # the campaign is there, so nothing is left to do
+    assert run_json("simulate", plan, "-o", folder, *words)["workers"] == 2
+
+
 def test_a_plan_becomes_a_campaign(simulated):
     folder, told = simulated
     assert len(CampaignFolder(folder)) == 4

@@ -59,6 +59,31 @@ def test_a_table_without_exposure_times_is_not_remarked_on(models, tmp_path, run
 
 
 @pytest.fixture
+def positions_in_metres(observations, tmp_path):
+    frame = read_observations(observations).frame
+    path = tmp_path / "metres.csv"
+    frame = frame.with_columns(pl.col("x_mm", "y_mm", "z_mm") / 1000)
+    ObservationTable(frame=frame).write(path)
+    return path
+
+
+def test_positions_in_metres_are_remarked_on(positions_in_metres, models, tmp_path, run_json):
+    model = models / "q_k4.exposight-model"
+    told = run_json("evaluate", model, positions_in_metres)["models"][0]["remark"]
+    assert "mm where q_k4 was trained: are they in metres?" in told
+    assert run_json("predict", model, positions_in_metres)["remark"] == told
+    words = ("-m", "q_k1", "-o", tmp_path, "--restarts", 1)
+    (remark,) = run_json("train", positions_in_metres, *words)["remarks"]
+    assert "mm from 0: are they in metres?" in remark
+
+
+def test_one_position_is_not_remarked_on(models, tmp_path, run_json):
+    path = tmp_path / "planned.csv"
+    path.write_text("i_avg,z_mm,x_mm,y_mm\n80,0,0,0\n90,0,0,0\n", encoding="utf-8")
+    assert run_json("predict", models / "q_k4.exposight-model", path)["remark"] == ""
+
+
+@pytest.fixture
 def in_metres(single, tmp_path):
     """Return the words that observe the single capture, its cloud in m."""
     path = tmp_path / "metres.ply"

@@ -174,6 +174,59 @@ def test_predict_a_table_shows_its_first_rows(models, observations, run):
     assert "196 more" in result.stdout
 
 
+def test_no_setting_is_recommended_where_the_model_extrapolates(models, run_json, run):
+    model = models / "e_k4.exposight-model"
+    aside = ("--i-avg", 100, "--x-mm", 170, "--y-mm", 0, "--z-mm", 0)
+    document = run_json("predict", model, *aside)
+    assert document["in_sensor_range"]
+    assert document["nearest_setting_ms"] is None
+    shown = " ".join(run("predict", model, *aside).stdout.split())
+    assert "setting none: it is extrapolated" in shown
+    assert "is not to be trusted here" in shown
+
+
+def test_predict_a_planned_table_shows_its_inputs(models, tmp_path, run):
+    path = tmp_path / "planned.csv"
+    path.write_text("i_avg,z_mm,x_mm,y_mm\n80,0,50,-41\n90,,50,-42\n", encoding="utf-8")
+    shown = run("predict", models / "q_k4.exposight-model", path).stdout
+    assert "−41" in shown
+    assert "view" not in shown
+    assert "1 row lacks an input, empty or not a number, and is left out" in " ".join(shown.split())
+
+
+def test_what_was_there_is_said_to_be_replaced(models, observations, tmp_path, run):
+    predict = ("predict", models / "q_k4.exposight-model", observations, "-o", tmp_path / "p.csv")
+    train = ("train", observations, "-m", "q_k1", "-o", tmp_path, "--restarts", 1)
+    split = ("split", observations, "-o", tmp_path)
+    for words in (predict, train, split):
+        first, second = (run(*words).stdout for _ in range(2))
+        assert "wrote" in first
+        assert "replaced" not in first
+        assert "replaced" in second
+        assert "wrote" not in second
+
+
+def test_predictions_that_were_written_are_summed_up(models, observations, tmp_path, run):
+    model = models / "q_k4.exposight-model"
+    shown = run("predict", model, observations, "-o", tmp_path / "p.csv").stdout
+    assert "median" in shown
+    assert "(2σ)" in shown
+
+
+def test_train_says_that_rows_are_few_or_the_same(observations, tmp_path, run_json):
+    header, *rows = observations.read_text(encoding="utf-8").splitlines()
+    rows = [row for row in rows if "visible" in row][::60]
+    path = tmp_path / "few.csv"
+    path.write_text("\n".join([header, *rows, *rows]), encoding="utf-8")
+    words = ("-m", "q_k1", "-o", tmp_path, "--restarts", 1)
+    assert run_json("train", path, *words)["remarks"] == [
+        "4 rows of the table repeat another one exactly",
+        "q_k1 learnt from 8 rows only; 10 for each of its inputs, 10, are the least to expect "
+        "much of",
+    ]
+    assert run_json("train", observations, *words)["remarks"] == []
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

@@ -338,6 +338,21 @@ def test_what_opencv_cannot_parse_is_refused(tmp_path, content):
         read_opencv_file(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: 1\nProse without a key.\n", "line 2: Missing ':'"),
+        ("[project]\nname = 'x'\n", "line 2: .*"),
+        ('<?xml version="1.0"?>\n<robot/>\n', "line 2: <opencv_storage> tag is missing"),
+    ],
+)
+def test_the_line_that_opencv_stumbles_over_is_told(tmp_path, text, reason):
+    path = tmp_path / "README.md"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=rf"\({reason}\); expected a calibration as OpenCV"):
+        read_opencv_file(path)
+
+
 EMPTY_XML = '<?xml version="1.0"?><opencv_storage></opencv_storage>'
 
 

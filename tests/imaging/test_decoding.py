@@ -81,6 +81,11 @@ def test_bad_limits(limits):
         DecodingLimits(**limits)
 
 
+def test_a_modulation_beyond_grey_levels():
+    with pytest.raises(ImageError, match=r"at most 255, where grey levels end .* got 300$"):
+        DecodingLimits(min_modulation=300)
+
+
 def test_recording_is_read_as_its_sequence_says(tmp_path, stack):
     for i, frame in enumerate(stack.frames):
         cv2.imwrite(str(tmp_path / f"frame{i}.png"), frame)

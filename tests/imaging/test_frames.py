@@ -61,6 +61,15 @@ def test_pattern_without_match(recording):
         read_frames(recording, pattern="*.bmp")
 
 
+def test_frames_that_lie_a_folder_deeper_are_named(recording):
+    for folder in ("skull_gray", "skull_2x3"):
+        (recording / folder).mkdir()
+        write(recording / folder, "a.bmp", np.zeros((4, 6), dtype=np.uint8))
+    message = r"matches '\*\.bmp'; there are some in its folders skull_2x3, skull_gray: give one"
+    with pytest.raises(MissingFileError, match=message):
+        read_frames(recording, pattern="*.bmp")
+
+
 def test_no_paths():
     with pytest.raises(MissingFileError, match="at least one frame is needed"):
         read_frames([])

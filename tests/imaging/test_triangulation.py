@@ -156,9 +156,15 @@ def test_patterns_of_another_projector(scene):
         cloud_of(scene, map_of(scene.column, projector=(64, 192)))
 
 
-@pytest.mark.parametrize("limits", [{"depth_limits_mm": (5.0, 5.0)}, {"max_residual_px": 0.0}])
-def test_bad_limits(scene, limits):
-    with pytest.raises(ImageError, match="triangulation needs 0 ≤ near < far"):
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"depth_limits_mm": (5.0, 5.0)}, "0 ≤ near < far in mm, got near 5 and far 5$"),
+        ({"max_residual_px": 0.0}, "residual must be above 0 px, got 0$"),
+    ],
+)
+def test_bad_limits(scene, limits, message):
+    with pytest.raises(ImageError, match=message):
         cloud_of(scene, map_of(scene.column), **limits)
 
 

@@ -263,10 +263,15 @@ def test_a_column_with_a_slip_of_the_pen_is_recognised(written):
         read_observations(path)
 
 
+def test_a_decimal_comma_is_named(written):
+    with pytest.raises(FormatError, match=r"'x_mm' needs numbers, row 2 .* has '12,5'; write a p"):
+        read_observations(written(x_mm=["1.5", "12,5"]))
+
+
 def test_semicolons_between_cells(written):
     path = written()
     path.write_text(path.read_text().replace(",", ";"))
-    with pytest.raises(FormatError, match="wrong header"):
+    with pytest.raises(FormatError, match="separated by ';', commas are expected"):
         read_observations(path)
 
 

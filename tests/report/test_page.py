@@ -55,6 +55,19 @@ def test_plotly_is_inlined_once(read_page):
     assert not large[0]["attributes"]
 
 
+def test_the_title_and_the_head_say_what_the_page_is_of(page):
+    told = "A recorded skull: point-cloud quality and exposure time, predicted"
+    assert f"<title>{told}</title>" in page
+    assert f"<h1>{told}</h1>" in page
+
+
+def test_printing_draws_the_places_again_and_not_plotlys_own_parts(read_page):
+    """Plotly's groups have the class "plot", too; asked to draw one of them it stops."""
+    own = read_page.scripts[-1]["text"]
+    assert 'querySelectorAll("div.plot")' in own
+    assert 'querySelectorAll(".plot")' not in own
+
+
 def test_ids_are_unique(read_page):
     ids = [attributes["id"] for _, attributes in read_page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))

@@ -32,6 +32,7 @@ from exposight.report.quantities import axis_math, axis_title, column_math, colu
 from exposight.report.study import study_report, write_study
 from exposight.report.study.figures import drawn_figures
 from exposight.report.study.palette import feature_style, place_styles
+from exposight.report.study.summary import summary_html
 from exposight.report.study.words import prose
 
 SL = "structured-light"
@@ -303,6 +304,29 @@ def test_figures_have_the_papers_numbers_in_order(page):
 def test_a_figure_that_the_study_cannot_show_says_why(page):
     assert "Figure 14 is left out: e_k6 can be shown on curves of at least 4 exposure" in page
     assert "Figure 23 is left out: the study has no learning curve of e_k6" in page
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        (15.8, 18.8, "worsens the quality model here: its RMSE on unseen features goes from "
+         "15.8 to 18.8 %; in the paper it improves it, from 18.4 to 10.5 %."),
+        (18.8, 15.8, "improves the quality model here: its RMSE on unseen features goes from "
+         "18.8 to 15.8 %; in the paper it improves it, from 18.4 to 10.5 %."),
+    ],
+)  # fmt: skip
+def test_the_summary_says_whether_position_helps(study, first, second, told):
+    lines = tuple(
+        replace(LINE, table=2, rung=rung, role="test", unit="%", rmse=rmse, paper_rmse=paper)
+        for rung, rmse, paper in (("q_k1", first, 18.4), ("q_k4", second, 10.5))
+    )
+    tables = replace(study.tables, scores=lines)
+    text = re.sub(r"<[^>]+>", "", summary_html(replace(study, tables=tables)))
+    assert f"Position added to brightness {told}" in text
+
+
+def test_the_page_has_a_title_of_its_own(page):
+    assert "<h1>The paper’s study: point-cloud quality and exposure time, predicted</h1>" in page
 
 
 def test_sections_are_in_their_order(page):

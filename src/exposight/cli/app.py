@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import io
+import re
 import sys
 from contextlib import contextmanager
 from importlib import import_module
@@ -18,7 +19,8 @@ from typer.core import TyperCommand, TyperGroup
 
 from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
-from exposight.cli.output import print_error
+from exposight.cli.output import print_error, quit_quietly
+from exposight.cli.suggestions import suggestion
 from exposight.errors import ExposightError
 
 if TYPE_CHECKING:
@@ -101,12 +103,13 @@ def _told(*, as_json: bool) -> Iterator[None]:
         print_error(type(error).__name__, str(error), as_json=as_json)
         raise typer.Exit(1) from error
     except OSError as error:
-        if error.errno == errno.EPIPE:  # the reader of our output left; typer ends quietly
-            raise
+        if error.errno == errno.EPIPE:  # the reader of our output left
+            quit_quietly()
         place = f"{error.filename}: " if error.filename else ""
         print_error("FileError", f"{place}{error.strerror or error}", as_json=as_json)
         raise typer.Exit(1) from error
     except typer.TyperException as error:  # a wrong call
+        error.message = _plainer(error.message)
         if not as_json:  # typer shows the call's form, too
             raise
         print_error("UsageError", error.format_message(), as_json=True)
@@ -116,6 +119,18 @@ def _told(*, as_json: bool) -> Iterator[None]:
         message = message or "stopped by Ctrl-C; what was captured or finished before is kept"
         print_error("Interrupted", message, as_json=as_json)
         raise typer.Exit(INTERRUPTED) from error
+
+
+def _plainer(message: str) -> str:
+    """Say what a value of an option had to be, without the words of who checks it."""
+    message = message.replace("Value error, ", "")
+    for kind, expected in (("an integer", "a whole number"), ("a number", "a number")):
+        unread = rf"Input should be a valid (integer|number), unable to parse string as {kind}"
+        message = re.sub(unread, f"expected {expected}", message)
+    choice = re.fullmatch(r"(?s).*?'([^']+)' is not one of (.*?)\.?", message)
+    if choice is None:
+        return message
+    return message.rstrip(".") + suggestion(choice[1], re.findall(r"'([^']+)'", choice[2]))
 
 
 app = typer.Typer(

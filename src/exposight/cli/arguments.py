@@ -21,12 +21,27 @@ if TYPE_CHECKING:
 
 __all__ = [
     "POSE_CONVENTIONS",
+    "keep_inputs",
     "make_folder",
     "pose_from_file",
     "pose_from_text",
     "sensor_from",
     "sequence_from",
 ]
+
+
+def keep_inputs(output: Path, *inputs: Path | None) -> None:
+    """Refuse to write to a file that is read.
+
+    Raises
+    ------
+    FileError
+        If the output is one of the inputs.
+    """
+    for path in inputs:
+        if path is not None and output.exists() and path.exists() and output.samefile(path):
+            msg = f"{output} is read by this command and would be replaced; give another --output"
+            raise FileError(msg)
 
 
 def make_folder(folder: Path, what: str) -> None:
@@ -40,7 +55,10 @@ def make_folder(folder: Path, what: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder} cannot be used for {what}: {error.strerror or error}"
+        reason = error.strerror or str(error)
+        if folder.is_file():
+            reason = "it is a file, and a folder is needed"
+        msg = f"{folder} cannot be used for {what}: {reason}"
         raise FileError(msg) from error
 
 

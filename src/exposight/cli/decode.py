@@ -16,6 +16,7 @@ from exposight.cli.arguments import sequence_from
 from exposight.cli.output import (
     JsonOption,
     count,
+    note,
     number,
     percent,
     print_facts,
@@ -24,6 +25,7 @@ from exposight.cli.output import (
     print_table,
 )
 from exposight.durable import write_durably
+from exposight.errors import CloudError
 from exposight.geometry import read_projector_camera
 from exposight.imaging import (
     SEQUENCE_PRESETS,
@@ -36,6 +38,7 @@ from exposight.imaging import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from exposight.geometry import ProjectorCamera
     from exposight.imaging import DecodedMap, FrameStack
 
 _MEANINGS = {
@@ -121,11 +124,16 @@ def decode_command(
     if preview is not None and preview.suffix.lower() != ".png":
         msg = f"--preview writes PNG; got the name {preview.name}"
         raise typer.BadParameter(msg)
+    near_mm, far_mm = depth_limits_mm
+    if not 0 <= near_mm < far_mm:
+        msg = f"expected 0 ≤ NEAR < FAR in mm, got {near_mm:g} {far_mm:g}"
+        raise typer.BadParameter(msg, param_hint="--depth-limits")
+    limits = DecodingLimits(min_modulation=min_modulation)
     patterns = sequence_from(sequence)
     rig = read_projector_camera(calibration, projector_size=projector_size)
     start = time.perf_counter()
     stack = read_recording(folder, patterns)
-    decoded = decode(stack, patterns, DecodingLimits(min_modulation=min_modulation))
+    decoded = decode(stack, patterns, limits)
     if preview is not None:
         _write_preview(preview, decoded)  # first: it helps to see why there are no points
     cloud = triangulate(
@@ -135,18 +143,22 @@ def decode_command(
         projector_from_camera=rig.projector_from_camera,
         depth_limits_mm=depth_limits_mm,
     )
-    depth_mm = cloud.require_points()[:, 2].astype(np.float64)
+    if not cloud.n_valid:
+        if not as_json:
+            _print_counts(asdict(decoded.counts()))
+        raise CloudError(_why_empty(decoded, rig, depth_limits_mm, min_modulation))
+    depth_mm = cloud.valid_points[:, 2].astype(np.float64)
     seconds = time.perf_counter() - start
     if output is not None:
         write_cloud(output, cloud)
-    near_mm, middle_mm, far_mm = np.percentile(depth_mm, [0, 50, 100]).tolist()
+    nearest_mm, middle_mm, farthest_mm = np.percentile(depth_mm, [0, 50, 100]).tolist()
     done = _Decoded(
         folder=folder,
         sequence=patterns.name,
         stack=stack,
         counts=asdict(decoded.counts()),
         points=cloud.n_valid,
-        depth_mm={"min": near_mm, "median": middle_mm, "max": far_mm},
+        depth_mm={"min": nearest_mm, "median": middle_mm, "max": farthest_mm},
         seconds=seconds,
         written={"cloud": output, "preview": preview},
     )
@@ -199,22 +211,65 @@ def _print(done: _Decoded) -> None:
         ],
     )
     print_line("")
+    _print_counts(done.counts)
+    for what, path in done.written.items():
+        if path is not None:
+            print_line(f"wrote the {what}: {path}")
+    if not any(done.written.values()):
+        note("nothing was written: --output keeps the cloud, --preview a picture")
+
+
+def _print_counts(counts: dict[str, int]) -> None:
     print_table(
         ("pixels that are", "count", "share %", "meaning"),
         (
             (
                 name.replace("_", " "),
-                count(done.counts[name]),
-                percent(done.counts[name] / done.counts["pixels"]),
+                count(counts[name]),
+                percent(counts[name] / counts["pixels"]),
                 meaning,
             )
             for name, meaning in _MEANINGS.items()
         ),
         words=("meaning",),
     )
-    for what, path in done.written.items():
-        if path is not None:
-            print_line(f"wrote the {what}: {path}")
+
+
+def _why_empty(
+    decoded: DecodedMap,
+    rig: ProjectorCamera,
+    depth_limits_mm: tuple[float, float],
+    min_modulation: float,
+) -> str:
+    """Say why a cloud has no point: depth limits, light, or the calibration."""
+    anywhere = triangulate(
+        decoded,
+        camera=rig.camera,
+        projector=rig.projector,
+        projector_from_camera=rig.projector_from_camera,
+    )
+    near_mm, far_mm = depth_limits_mm
+    if anywhere.n_valid:
+        depth_mm = anywhere.valid_points[:, 2]
+        nearer = int(np.count_nonzero(depth_mm <= near_mm))
+        return (
+            f"no point lies within --depth-limits {near_mm:g} {far_mm:g} mm: {count(nearer)} are "
+            f"nearer and {count(anywhere.n_valid - nearer)} farther; they reach from "
+            f"{number(float(depth_mm.min()))} to {number(float(depth_mm.max()))} mm: set the "
+            "limits, in mm, about these"
+        )
+    counts = decoded.counts()
+    if counts.decoded:
+        return (
+            f"no point: {count(counts.decoded)} pixels were decoded, but none of their rays meets "
+            "the projector's light; check that the calibration is of this camera and projector"
+        )
+    return (
+        f"no point: none of {count(counts.pixels)} pixels was decoded; the patterns' amplitude "
+        f"reaches {number(float(decoded.modulation.max()))} grey levels where --min-modulation "
+        f"asks for {number(min_modulation)}, and {count(counts.clipped)} pixels are clipped; check "
+        "the sequence and the exposure time"
+    )
 
 
 def _write_preview(path: Path, decoded: DecodedMap) -> None:

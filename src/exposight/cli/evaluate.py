@@ -20,7 +20,8 @@ from exposight.cli.output import (
     print_line,
     print_table,
 )
-from exposight.models import UNITS, evaluate, load_model
+from exposight.cli.position_units import position_unit_remark
+from exposight.models import MODEL_SUFFIX, UNITS, evaluate, load_model
 from exposight.observing import read_observations
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from exposight.models import Evaluation, TrainedModel
 
 _Models = Annotated[
-    list[Path], typer.Argument(metavar="MODEL...", help="Model files that train wrote.")
+    list[Path], typer.Argument(metavar="MODEL", help="Model files that train wrote.")
 ]
 _Observations = Annotated[
     Path, typer.Argument(metavar="OBSERVATIONS", help="Observation table, .csv or .parquet.")
@@ -36,7 +37,10 @@ _Observations = Annotated[
 
 
 def evaluate_command(
-    models: _Models, observations: _Observations, as_json: JsonOption = False
+    *,
+    models: _Models = [],  # noqa: B006  (typer copies it)
+    observations: _Observations,
+    as_json: JsonOption = False,
 ) -> None:
     """Hold models against observations that they have not seen.
 
@@ -49,13 +53,25 @@ def evaluate_command(
 
       exposight evaluate models/q_k4.exposight-model test.csv
     """
+    _check_order(models, observations)
     table = read_observations(observations)
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     loaded = [load_model(path) for path in models]
     results = [evaluate(model, table) for model in loaded]
     known = [model.provenance.observations_sha256 == sha256 for model in loaded]
     exposures = table.array(["exposure_ms"])[:, 0]
-    remarks = [exposure_unit_remark(model, exposures) for model in loaded]
+    remarks = [
+        "; ".join(
+            filter(
+                None,
+                (
+                    exposure_unit_remark(model, exposures),
+                    position_unit_remark(model, table.measured().frame),
+                ),
+            )
+        )
+        for model in loaded
+    ]
     if as_json:
         documents = [
             {**_document(path, model, result, seen), "remark": remark}
@@ -79,6 +95,20 @@ def evaluate_command(
         note("emulated exposures are among the observations")
     for remark in filter(None, remarks):
         note(remark)
+
+
+def _check_order(models: list[Path], observations: Path) -> None:
+    """Check that the table comes last, after one model at least."""
+    form = "exposight evaluate MODEL... OBSERVATIONS"
+    if observations.suffix == MODEL_SUFFIX:
+        tables = [path for path in models if path.suffix.lower() in {".csv", ".parquet"}]
+        msg = f"the observations are missing: {form}"
+        if tables:
+            msg = f"the observations, {tables[0]}, come last: {form}"
+        raise typer.BadParameter(msg)
+    if not models:
+        msg = f"the models are missing: {form}"
+        raise typer.BadParameter(msg)
 
 
 def _document(

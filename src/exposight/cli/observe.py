@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from exposight.cell import PAPER_TOLERANCE, PRESETS, CampaignFolder, RingTolerance
-from exposight.cli.arguments import POSE_CONVENTIONS
+from exposight.cli.arguments import POSE_CONVENTIONS, keep_inputs
 from exposight.cli.output import (
     JsonOption,
     count,
@@ -24,6 +24,7 @@ from exposight.cli.output import (
     progress_bars,
 )
 from exposight.cli.single_capture import CloudUnit, SingleCapture, check_cloud_unit
+from exposight.errors import FormatError
 from exposight.observing import Visibility, observe_campaign
 
 if TYPE_CHECKING:
@@ -136,6 +137,7 @@ def observe_command(
         pose=pose,
         robot_pose=robot_pose,
     )
+    keep_inputs(output, image, cloud, features, pose)
     source = _source(campaign, single)
     with progress_bars() as progress:
         table = observe_campaign(source, tolerance, progress=partial(progress, "observing"))
@@ -154,6 +156,9 @@ def _source(campaign: Path | None, single: SingleCapture) -> Campaign:
     if given := single.given():
         msg = f"give a campaign's folder or a single capture, not both (got {', '.join(given)})"
         raise typer.BadParameter(msg)
+    if campaign.is_file() and campaign.suffix.lower() in {".csv", ".parquet"}:
+        msg = f"{campaign}: a table; expected a campaign's folder, which has a campaign.json"
+        raise FormatError(msg)
     return CampaignFolder(campaign)
 
 

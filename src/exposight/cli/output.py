@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,10 +27,13 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from typing import NoReturn
 
 __all__ = [
+    "BROKEN_PIPE",
     "JsonOption",
     "count",
+    "counted",
     "note",
     "number",
     "percent",
@@ -38,7 +43,27 @@ __all__ = [
     "print_line",
     "print_table",
     "progress_bars",
+    "quit_quietly",
+    "wrote",
 ]
+
+BROKEN_PIPE = 141
+"""Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""
+
+
+def quit_quietly() -> NoReturn:
+    """Leave without a word, as programs do that SIGPIPE ends: nobody reads the rest."""
+    with suppress(OSError, ValueError):  # no file behind it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's exit fails
+    raise SystemExit(BROKEN_PIPE)
+
+
+class _Console(Console):
+    """A console whose reader may leave."""
+
+    def on_broken_pipe(self) -> None:
+        quit_quietly()
+
 
 JsonOption = Annotated[
     bool,
@@ -62,6 +87,11 @@ def number(value: float | None, digits: int = 4) -> str:
 def count(value: int) -> str:
     """Spell a whole number with blanks between its thousands, as the field's papers do."""
     return f"{value:,}".replace(",", " ")
+
+
+def counted(value: int, thing: str) -> str:
+    """Spell how many there are of a thing: "1 row", "20 rows"."""
+    return f"{count(value)} {thing}{'' if value == 1 else 's'}"
 
 
 def percent(share: float | None) -> str:
@@ -103,12 +133,18 @@ def print_error(kind: str, message: str, *, as_json: bool) -> None:
 
 def print_line(text: str, *, style: str = "") -> None:
     """Print a line that is never broken: paths in it stay whole."""
-    Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
+    _Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
+
+
+def wrote(what: str, path: Path, *, replaced: bool) -> None:
+    """Say where something was written, and whether another file had that name."""
+    own = f"the {what}: " if what else ""
+    print_line(f"{'replaced' if replaced else 'wrote'} {own}{path}")
 
 
 def note(text: str) -> None:
     """Print a remark that the reader should not miss."""
-    Console(highlight=False).print(Text.assemble(("note: ", "bold yellow"), text))
+    _Console(highlight=False).print(Text.assemble(("note: ", "bold yellow"), text))
 
 
 def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
@@ -127,7 +163,7 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     grid.add_column(overflow="fold")
     for name, value in facts:
         grid.add_row(f"  {name}", Text(value))
-    Console(highlight=False).print(grid)
+    _Console(highlight=False).print(grid)
 
 
 def print_table(
@@ -163,7 +199,7 @@ def print_table(
         )
     for row in rows:
         table.add_row(*map(Text, row))
-    Console(highlight=False).print(table)
+    _Console(highlight=False).print(table)
 
 
 @contextmanager

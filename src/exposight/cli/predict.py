@@ -10,18 +10,22 @@ import numpy as np
 import polars as pl
 import typer
 
+from exposight.cli.arguments import keep_inputs
 from exposight.cli.exposure_units import exposure_unit_remark
 from exposight.cli.facts import short_unit
 from exposight.cli.output import (
     JsonOption,
     count,
+    counted,
     note,
     number,
     print_facts,
     print_json,
     print_line,
     print_table,
+    wrote,
 )
+from exposight.cli.position_units import position_unit_remark
 from exposight.durable import write_durably
 from exposight.errors import FormatError, InputError
 from exposight.models import I_AVG_MAX, I_AVG_MIN, UNITS, load_model
@@ -96,6 +100,8 @@ def predict_command(
     if observations is None and output is not None:
         msg = "--output is for the predictions of a table"
         raise typer.BadParameter(msg)
+    if output is not None:
+        keep_inputs(output, observations, model_file)
     model = load_model(model_file)
     if observations is None:
         _predict_one(model, inputs, as_json=as_json)
@@ -116,11 +122,11 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
             f"{specification.name} reads {', '.join(specification.inputs)}; "
             f"give the missing {options} too"
         )
-        raise InputError(msg)
+        raise typer.BadParameter(msg)
     grey = inputs.get("i_avg", 0.0)
     if not 0 <= grey <= I_AVG_MAX:
         msg = f"--i-avg is a mean grey value from 0 to {I_AVG_MAX:g}, got {grey:g}"
-        raise InputError(msg)
+        raise typer.BadParameter(msg)
     ignored = [name for name in inputs if name not in specification.inputs]
     x = np.array([[inputs[name] for name in specification.inputs]])
     prediction = model.predict(x)
@@ -138,7 +144,7 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
                 "outside": outside,
                 "training_range": model.training_range(),
                 "ignored_inputs": ignored,
-                **_exposure_document(model, mean),
+                **_exposure_document(model, mean, trusted=not outside),
             }
         )
         return
@@ -151,18 +157,21 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
         facts.append(
             (name, f"{number(inputs[name])}, {verdict} {number(low)} … {number(high)} of training")
         )
-    facts += _sensor_facts(model, mean)
+    facts += _sensor_facts(model, mean, trusted=not outside)
     if specification.target == "p_norm" and grey < I_AVG_MIN:
         note(f"below a grey level of {I_AVG_MIN:g} the quality models say 0 by design (Eq. 9)")
     print_facts(f"{specification.name}: {specification.title}", facts)
     if outside:
-        note(f"{', '.join(outside)} outside the training data: the model extrapolates")
+        note(
+            f"{', '.join(outside)} outside the training data: the model extrapolates, and is not "
+            "to be trusted here"
+        )
     if ignored:
         note(f"{specification.name} does not read {', '.join(ignored)}")
 
 
-def _exposure_document(model: TrainedModel, mean: float) -> dict[str, object]:
-    """Return what the sensor makes of a predicted exposure time."""
+def _exposure_document(model: TrainedModel, mean: float, *, trusted: bool) -> dict[str, object]:
+    """Return what the sensor makes of a predicted exposure time, no setting if extrapolated."""
     if model.specification.target != "exposure_ms":
         return {}
     sensor = model.sensor
@@ -172,11 +181,11 @@ def _exposure_document(model: TrainedModel, mean: float) -> dict[str, object]:
     return {
         "sensor_range_ms": [sensor.exposure_min_ms, sensor.exposure_max_ms],
         "in_sensor_range": inside,
-        "nearest_setting_ms": sensor.nearest_exposure(mean) if inside else None,
+        "nearest_setting_ms": sensor.nearest_exposure(mean) if inside and trusted else None,
     }
 
 
-def _sensor_facts(model: TrainedModel, mean: float) -> list[tuple[str, str]]:
+def _sensor_facts(model: TrainedModel, mean: float, *, trusted: bool) -> list[tuple[str, str]]:
     """Say what the sensor makes of a predicted exposure time."""
     if model.specification.target != "exposure_ms":
         return []
@@ -187,7 +196,8 @@ def _sensor_facts(model: TrainedModel, mean: float) -> list[tuple[str, str]]:
     span = f"{low:g} … {high:g} ms of {sensor.name}"
     if not low <= mean <= high:
         return [("sensor", f"OUTSIDE {span}: it cannot take this exposure")]
-    return [("sensor", f"inside {span}"), ("setting", f"{sensor.nearest_exposure(mean):g} ms")]
+    setting = f"{sensor.nearest_exposure(mean):g} ms" if trusted else "none: it is extrapolated"
+    return [("sensor", f"inside {span}"), ("setting", setting)]
 
 
 def _outside(model: TrainedModel, x: NDArray[np.float64]) -> list[list[str]]:
@@ -207,6 +217,9 @@ def _predict_table(
     asked = table.select(pl.col(model.specification.inputs).fill_null(np.nan))
     x = asked.to_numpy().reshape(-1, len(model.specification.inputs))
     complete: NDArray[np.bool_] = np.asarray(np.isfinite(x).all(axis=1))
+    if table.height == 0:
+        msg = "the table has no rows, so there is nothing to predict"
+        raise InputError(msg)
     if not complete.any():
         msg = (
             f"no row has all inputs of {model.specification.name}: "
@@ -215,11 +228,16 @@ def _predict_table(
         raise InputError(msg)
     prediction = model.predict(x[complete])
     frame = _frame(model, table.filter(pl.Series(complete)), x[complete], prediction)
+    replaced = output is not None and output.exists()
     if output is not None:
         _write(output, frame)
     left_out = int(np.count_nonzero(~complete))
     inside = int(np.count_nonzero(prediction.inside))
-    remark = exposure_unit_remark(model, table["exposure_ms"].fill_null(np.nan))
+    remarks = (
+        exposure_unit_remark(model, table["exposure_ms"].fill_null(np.nan)),
+        position_unit_remark(model, table.filter(pl.Series(complete))),
+    )
+    remark = "; ".join(filter(None, remarks))
     if as_json:
         print_json(
             {
@@ -232,6 +250,7 @@ def _predict_table(
                 "remark": remark,
                 "predictions": frame.to_dicts(),
                 "output": output,
+                "replaced": replaced,
             }
         )
         return
@@ -239,20 +258,26 @@ def _predict_table(
     print_facts(
         f"{specification.name}: {specification.title}",
         [
-            ("predicted", f"{count(frame.height)} of {count(len(table))} rows"),
+            ("predicted", f"{count(frame.height)} of {counted(len(table), 'row')}"),
             ("inside", f"{count(inside)} in the range of the training data"),
+            (specification.target, _summary(specification.target, prediction)),
         ],
     )
     if remark:
         note(remark)
     if left_out:
-        note(f"{count(left_out)} rows lack an input (features that were not measured)")
+        lack = "lacks" if left_out == 1 else "lack"
+        note(
+            f"{counted(left_out, 'row')} {lack} an input, empty or not a number, and "
+            f"{'is' if left_out == 1 else 'are'} left out"
+        )
     if "in_sensor_range" in frame.columns:
         beyond = int((~frame["in_sensor_range"].fill_null(value=True)).sum())
         if beyond:
-            note(f"{count(beyond)} exposure times are outside the sensor's range")
+            are = "is" if beyond == 1 else "are"
+            note(f"{counted(beyond, 'exposure time')} {are} outside the sensor's range")
     if output is not None:
-        print_line(f"wrote the predictions: {output}")
+        wrote("predictions", output, replaced=replaced)
     else:
         _print_rows(model, frame)
 
@@ -287,18 +312,34 @@ def _write(path: Path, frame: pl.DataFrame) -> None:
     write_durably(path, buffer.getvalue())
 
 
+def _summary(target: str, prediction: ModelPrediction) -> str:
+    """Spell the smallest, middle and largest prediction, and how far to believe them."""
+    low, middle, high = (number(own) for own in np.percentile(prediction.mean, [0, 50, 100]))
+    unit = f" {short_unit(target)}".rstrip()
+    sigma = number(2 * float(np.median(prediction.std)), 3)
+    return f"{low} … {high}{unit}, median {middle} ± {sigma}{unit} (2σ)"
+
+
 def _print_rows(model: TrainedModel, frame: pl.DataFrame) -> None:
     target = model.specification.target
     unit = f"\n{short_unit(target)}"
+    # What was measured, where it was, and what the model reads.
+    names = [own for own in ("feature", "view") if frame[own].null_count() < frame.height]
+    known = [own for own in (target,) if frame[own].null_count() < frame.height]
+    inputs = model.specification.inputs
     print_line("")
     print_table(
-        ("feature", "view", "exposure\nms", "p_norm", f"predicted{unit}", f"± 2σ{unit}", "outside"),
+        (
+            *names,
+            *(_heading(own) for own in (*known, *inputs)),
+            f"predicted{unit}",
+            f"± 2σ{unit}",
+            "outside",
+        ),
         (
             (
-                row["feature"] or "–",
-                row["view"] or "–",
-                number(row["exposure_ms"]),
-                number(row["p_norm"], 3),
+                *(row[own] or "–" for own in names),
+                *(number(row[own], 3) for own in (*known, *inputs)),
                 number(row[f"predicted_{target}"]),
                 number(2 * row[f"predicted_{target}_std"], 3),
                 row["outside"],
@@ -309,3 +350,9 @@ def _print_rows(model: TrainedModel, frame: pl.DataFrame) -> None:
     )
     if frame.height > _SHOWN_ROWS:
         print_line(f"  … {count(frame.height - _SHOWN_ROWS)} more; --output writes them all")
+
+
+def _heading(column: str) -> str:
+    """Return a column's name over its unit."""
+    name, _, unit = column.rpartition("_")
+    return f"{name}\n{short_unit(column)}" if unit in {"ms", "mm", "deg"} else column

@@ -11,7 +11,7 @@ import typer
 from exposight.cell import ActiveSensor, Projector, write_sensor
 from exposight.cli.arguments import pose_from_file
 from exposight.cli.facts import sensor_facts
-from exposight.cli.output import JsonOption, number, print_facts, print_json, print_line
+from exposight.cli.output import JsonOption, note, number, print_facts, print_json, print_line
 from exposight.cli.recordings import is_camera_info
 from exposight.errors import FormatError, SensorError
 from exposight.geometry import (
@@ -25,6 +25,9 @@ from exposight.geometry import (
 
 _LEAST_BASELINE_MM = 2.0
 """No projector stands nearer to its camera; a calibration in m says less than that."""
+
+_LEAST_DISTANCE_MM = 10.0
+"""No sensor measures nearer only; a working distance in m says less than that."""
 
 _Calibration = Annotated[
     Path,
@@ -125,11 +128,19 @@ def sensor_command(
     )
     write_sensor(output, sensor)
     facts = sensor_facts(sensor)
+    remark = ""
+    if far_mm < _LEAST_DISTANCE_MM:
+        remark = (
+            f"a working distance of {near_mm:g} to {far_mm:g} mm: mm are expected; if these are "
+            "metres, multiply by 1000 (exposure times are in ms)"
+        )
     if as_json:
         told = {fact.name.replace(" ", "_"): fact.value for fact in facts}
-        print_json({"calibration": calibration, "facts": told, "sensor": output})
+        print_json({"calibration": calibration, "facts": told, "remark": remark, "sensor": output})
         return
     print_facts(f"{calibration}: {name}", [(fact.name, fact.text) for fact in facts])
+    if remark:
+        note(remark)
     print_line(f"wrote the sensor: {output}")
 
 

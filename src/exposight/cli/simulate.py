@@ -180,10 +180,21 @@ def simulate_command(
       exposight simulate x --rings-only --observe -o observations.csv
     """
     if list_plans:
+        if plan is not None:
+            msg = f"--list lists all plans; `exposight info {plan}` tells of one"
+            raise typer.BadParameter(msg)
         print_plans(as_json=as_json)
         return
     if plan is None:
         msg = "give a measuring plan: a TOML or YAML file, or a name from --list"
+        raise typer.BadParameter(msg)
+    if export_folder is not None and (
+        observe or rings_only or no_clouds or raw_frames or output is not None
+    ):
+        msg = (
+            "--export-scene simulates nothing: leave out --output, --observe, --rings-only, "
+            "--no-clouds and --raw-frames"
+        )
         raise typer.BadParameter(msg)
     if observe and (no_clouds or raw_frames):
         msg = "--observe keeps neither clouds nor frames: leave out --no-clouds and --raw-frames"

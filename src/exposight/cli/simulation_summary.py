@@ -7,7 +7,16 @@ from dataclasses import dataclass
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from exposight.cli.output import count, note, number, percent, print_facts, print_line, print_table
+from exposight.cli.output import (
+    count,
+    counted,
+    note,
+    number,
+    percent,
+    print_facts,
+    print_line,
+    print_table,
+)
 from exposight.twin.campaign import OBSERVATIONS_FILE
 
 if TYPE_CHECKING:
@@ -65,7 +74,7 @@ def run_document(run: SimulationRun, table: ObservationTable | None) -> dict[str
         "sensor": run.plan.sensor,
         "part": run.part,
         "rings_only": run.settings.rings_only,
-        "workers": run.settings.workers if run.settings.cluster is None else None,
+        "workers": _processes(run) if run.settings.cluster is None else None,
         "cluster": run.settings.cluster,
         "views": len(run.planned),
         "views_aligned_by_kinematics": kinematic,
@@ -114,7 +123,7 @@ def print_run(run: SimulationRun, table: ObservationTable | None) -> None:
             "view on average",
         ),
         ("exposure times", f"{number(shortest)} to {number(longest)} ms"),
-        ("time", f"{number(run.seconds, 3)} s{each}, by {_workers(run.settings)}"),
+        ("time", f"{number(run.seconds, 3)} s{each}, by {_workers(run)}"),
     ]
     if table is None:
         size = _spell_size(_size_bytes(run.output))
@@ -142,10 +151,15 @@ def print_run(run: SimulationRun, table: ObservationTable | None) -> None:
     print_line(f"next:                   exposight train {quote(str(run.output))}")
 
 
-def _workers(settings: CellSettings) -> str:
-    if settings.cluster is not None:
-        return f"the cluster at {settings.cluster}"
-    return "1 worker" if settings.workers == 1 else f"{settings.workers} workers"
+def _workers(run: SimulationRun) -> str:
+    if run.settings.cluster is not None:
+        return f"the cluster at {run.settings.cluster}"
+    return counted(_processes(run), "worker")
+
+
+def _processes(run: SimulationRun) -> int:
+    """Return how many processes worked: a view is done by one of them."""
+    return min(run.settings.workers, max(1, len(run.planned)))
 
 
 def _kept(settings: CellSettings) -> str:

@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from exposight.cli.arguments import make_folder
-from exposight.cli.output import JsonOption, count, note, print_json, print_line, print_table
+from exposight.cli.arguments import keep_inputs, make_folder
+from exposight.cli.output import (
+    JsonOption,
+    count,
+    counted,
+    note,
+    print_json,
+    print_line,
+    print_table,
+    wrote,
+)
 from exposight.errors import ObservationError
 from exposight.evaluation import random_split, split_by_group
 from exposight.observing import read_observations
@@ -66,6 +75,9 @@ def split_command(
         msg = f"expected a share between 0 and 1, such as 0.2, got {share:g}"
         raise typer.BadParameter(msg, param_hint="--share")
     table = read_observations(observations)
+    if len(table) == 0:
+        msg = f"{observations}: the table has no rows, so there is nothing to split"
+        raise ObservationError(msg)
     sides = _split(table, by, share, np.random.default_rng(seed), observations)
     masks = {side: np.isin(np.arange(len(table)), rows) for side, rows in sides._asdict().items()}
     parts = {side: table.where(mask) for side, mask in masks.items()}
@@ -78,6 +90,9 @@ def split_command(
             raise ObservationError(msg)
     make_folder(output, "the tables")
     files = {side: output / f"{side}{observations.suffix.lower()}" for side in parts}
+    for path in files.values():
+        keep_inputs(path, observations)
+    replaced = {side: path.exists() for side, path in files.items()}
     for side, part in parts.items():
         part.write(files[side])
     if as_json:
@@ -86,11 +101,14 @@ def split_command(
                 "observations": observations,
                 "by": by.value,
                 "seed": seed,
-                **{side: _document(files[side], part) for side, part in parts.items()},
+                **{
+                    side: {**_document(files[side], part), "replaced": replaced[side]}
+                    for side, part in parts.items()
+                },
             }
         )
         return
-    _print(observations, parts, files)
+    _print(observations, parts, files, replaced)
     if by is Groups.ROW:
         note("rows that test have near copies among those that train: other exposure times")
 
@@ -106,9 +124,8 @@ def _split(
             return random_split(groups, 1.0 - share, rng)
         return split_by_group(names.astype(str), 1.0 - share, rng)
     except ObservationError as error:
-        plural = "" if groups == 1 else "s"
         msg = (
-            f"{path}: a share of {share:g} of {groups} {by.value}{plural} leaves no {by.value} to "
+            f"{path}: a share of {share:g} of {counted(groups, by.value)} leaves no {by.value} to "
             "train or none to test; choose another --share, or split by something else"
         )
         raise ObservationError(msg) from error
@@ -124,7 +141,12 @@ def _document(path: Path, part: ObservationTable) -> dict[str, object]:
     }
 
 
-def _print(path: Path, parts: dict[str, ObservationTable], files: dict[str, Path]) -> None:
+def _print(
+    path: Path,
+    parts: dict[str, ObservationTable],
+    files: dict[str, Path],
+    replaced: dict[str, bool],
+) -> None:
     print_line(f"{path}", style="bold")
     print_table(
         ("to", "rows", "measured", "features", "views"),
@@ -142,6 +164,6 @@ def _print(path: Path, parts: dict[str, ObservationTable], files: dict[str, Path
     features = sorted(set(parts["test"].names("feature")) - set(parts["train"].names("feature")))
     if features:
         print_line(f"features that only test: {', '.join(features)}")
-    for own in files.values():
-        print_line(f"wrote {own}")
+    for side, own in files.items():
+        wrote("", own, replaced=replaced[side])
     print_line(f"next: exposight train {quote(str(files['train']))}")

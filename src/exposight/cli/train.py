@@ -17,13 +17,16 @@ from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperp
 from exposight.cli.output import (
     JsonOption,
     count,
+    counted,
     note,
     number,
     print_json,
     print_line,
     print_table,
     progress_bars,
+    wrote,
 )
+from exposight.cli.position_units import in_metres_remark
 from exposight.cli.suggestions import suggestion
 from exposight.errors import InputError
 from exposight.models import (
@@ -43,12 +46,16 @@ if TYPE_CHECKING:
 _ALL = "all"
 _BEST = ("q_k4", "e_k6")
 
+_LEAST_ROWS = 10
+"""So many observations for each input a model wants."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trained:
     model: TrainedModel
     seconds: float
     path: Path
+    replaced: bool
 
 
 _Observations = Annotated[
@@ -125,12 +132,18 @@ def train_command(
                 progress=tell,
             )
             path = output / f"{specification.name}{MODEL_SUFFIX}"
+            replaced = path.exists()
             save_model(path, model)
-            trained.append(_Trained(model=model, seconds=time.perf_counter() - start, path=path))
+            seconds = time.perf_counter() - start
+            trained.append(_Trained(model=model, seconds=seconds, path=path, replaced=replaced))
+    remarks = _remarks(table, trained)
     if as_json:
-        print_json({"observations": observations, "models": map(_document, trained)})
+        documents = map(_document, trained)
+        print_json({"observations": observations, "models": documents, "remarks": remarks})
     else:
         _print(trained)
+        for remark in remarks:
+            note(remark)
 
 
 def _model(name: str) -> ModelSpecification:
@@ -145,6 +158,23 @@ def _check_exposures(table: ObservationTable, sensor: ActiveSensor) -> None:
     """Check that the sensor can have taken these exposure times: wrong unit, or wrong sensor."""
     for exposure_ms in table.array(["exposure_ms"])[:, 0].tolist():
         sensor.check_exposure(exposure_ms)
+
+
+def _remarks(table: ObservationTable, trained: list[_Trained]) -> list[str]:
+    """Say what of the table may not have been meant."""
+    remarks = [in_metres_remark(table)]
+    repeated = len(table) - table.frame.n_unique()
+    if repeated:
+        verb = "repeats" if repeated == 1 else "repeat"
+        remarks.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
+    for done in trained:
+        rows, wanted = len(done.model.process.y), _LEAST_ROWS * len(done.model.specification.inputs)
+        if rows < wanted:
+            remarks.append(
+                f"{done.model.specification.name} learnt from {counted(rows, 'row')} only; "
+                f"{_LEAST_ROWS} for each of its inputs, {wanted}, are the least to expect much of"
+            )
+    return [remark for remark in remarks if remark]
 
 
 def _document(done: _Trained) -> dict[str, object]:
@@ -164,6 +194,7 @@ def _document(done: _Trained) -> dict[str, object]:
         "hyperparameters": hyperparameter_documents(done.model),
         "seconds": done.seconds,
         "file": done.path,
+        "replaced": done.replaced,
     }
 
 
@@ -189,7 +220,7 @@ def _print(trained: list[_Trained]) -> None:
         print_hyperparameters(done.model)
     print_line("")
     for done in trained:
-        print_line(f"wrote the model: {done.path}")
+        wrote("model", done.path, replaced=done.replaced)
     if any(done.model.provenance.emulated for done in trained):
         note("emulated exposures are among the observations; the models' files say so")
     unfinished = [done.model.specification.name for done in trained if not _converged(done)]

@@ -179,20 +179,45 @@ def read_opencv_file(path: str | Path) -> OpenCVFile:
         msg = f"{path}: no such calibration file"
         raise MissingFileError(msg)
     text = path.read_text(encoding="utf-8", errors="replace").lstrip("\ufeff").lstrip()
+    own_lines = 0
     if not text.startswith(("<", "%YAML", "{")):
         text = _opencv_yaml(text)
+        own_lines = _HEADER.count("\n")
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
         nodes = dict(_walk(root, "")) if root.isMap() else {}
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
-        reason = str(error.__cause__ or error).strip().rpartition("in function '")[2].rstrip("'")
-        msg = f"{path}: not an OpenCV YAML or XML file ({reason})"
+        reason = _reason(str(error.__cause__ or error), own_lines)
+        msg = (
+            f"{path}: not an OpenCV YAML or XML file ({reason}); expected a calibration as OpenCV "
+            "or ROS camera_info writes it"
+        )
         raise FormatError(msg) from error
     if not nodes:
         msg = f"{path}: expected an OpenCV YAML or XML file with matrices, found no node in it"
         raise FormatError(msg)
     return OpenCVFile(path=path, nodes=nodes)
+
+
+_HEADER = "%YAML:1.0\n---\n"
+
+
+def _reason(error: str, own_lines: int) -> str:
+    """Return what OpenCV's parser says, with the line that it speaks of.
+
+    Parameters
+    ----------
+    error : str
+        Its message, ``… in function '(6): Missing ':''``.
+    own_lines : int
+        How many lines were put before the file's own.
+    """
+    said = error.strip().rpartition("in function '")[2].removesuffix("'")
+    line = re.match(r"\((\d+)\): ", said)
+    if line is None:
+        return said
+    return f"line {max(int(line[1]) - own_lines, 1)}: {said[line.end() :]}"
 
 
 def _opencv_yaml(text: str) -> str:
@@ -202,7 +227,7 @@ def _opencv_yaml(text: str) -> str:
     the items of a list further in than the list's key, where most writers put them beneath it.
     """
     first = text.removeprefix("---").lstrip().partition("\n---")[0]
-    return "%YAML:1.0\n---\n" + re.sub(r"^( *)- ", r"\1  - ", first, flags=re.MULTILINE) + "\n"
+    return _HEADER + re.sub(r"^( *)- ", r"\1  - ", first, flags=re.MULTILINE) + "\n"
 
 
 def _walk(node: cv2.FileNode, prefix: str) -> list[tuple[str, NDArray[np.float64] | float | str]]:

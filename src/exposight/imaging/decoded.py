@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["DecodedMap", "DecodingCounts", "DecodingLimits", "PixelFlag"]
 
+_FULL_SCALE = 255.0
+
 
 class PixelFlag(IntFlag):
     """What was noticed about a camera pixel while decoding."""
@@ -49,7 +51,7 @@ class DecodingLimits:
     Raises
     ------
     ImageError
-        If a limit is negative or not finite, or the residual is above 0.5.
+        If a limit is negative or not finite, the modulation above 255, or the residual above 0.5.
     """
 
     min_modulation: float = 10.0
@@ -63,6 +65,12 @@ class DecodingLimits:
                 "limits of decoding must be 0 or more, and the residual at most 0.5 periods, got "
                 f"min_modulation {self.min_modulation}, min_bit_contrast {self.min_bit_contrast}, "
                 f"max_residual {self.max_residual}"
+            )
+            raise ImageError(msg)
+        if self.min_modulation > _FULL_SCALE:
+            msg = (
+                "the least modulation must be at most 255, where grey levels end (10 is usual), "
+                f"got {self.min_modulation:g}"
             )
             raise ImageError(msg)
 

@@ -179,9 +179,21 @@ def _frame_paths(source: str | Path | Sequence[str | Path], pattern: str) -> lis
         raise MissingFileError(msg)
     paths = sorted(folder.glob(pattern), key=_natural_key)
     if not paths:
-        msg = f"{folder}: no frame matches '{pattern}'; give the pattern of the frames' file names"
+        msg = f"{folder}: no frame matches '{pattern}'; {_advice(folder, pattern)}"
         raise MissingFileError(msg)
     return paths
+
+
+def _advice(folder: Path, pattern: str) -> str:
+    """Say where frames may be that are not in a folder itself."""
+    inside = sorted({path.parent.name for path in folder.glob(f"*/{pattern}")})
+    if inside:
+        more = f" and {len(inside) - 4} more" if len(inside) > 4 else ""
+        return f"there are some in its folders {', '.join(inside[:4])}{more}: give one of these"
+    return (
+        "check the folder, or say how its frames are named: file_pattern in the pattern sequence's "
+        "TOML file"
+    )
 
 
 def _natural_key(path: Path) -> list[tuple[bool, int, str]]:

@@ -102,11 +102,14 @@ def _check_limits(
     depth_limits_mm: tuple[float, float], max_residual_px: float
 ) -> tuple[float, float]:
     near_mm, far_mm = depth_limits_mm
-    if not 0 <= near_mm < far_mm or not max_residual_px > 0:
+    if not 0 <= near_mm < far_mm:
         msg = (
-            "triangulation needs 0 ≤ near < far in mm and a residual above 0 px, got near "
-            f"{near_mm}, far {far_mm}, residual {max_residual_px}"
+            f"the limits of depth must be 0 ≤ near < far in mm, got near {near_mm:g} and far "
+            f"{far_mm:g}"
         )
+        raise ImageError(msg)
+    if not max_residual_px > 0:
+        msg = f"the largest residual must be above 0 px, got {max_residual_px:g}"
         raise ImageError(msg)
     return near_mm, far_mm
 

@@ -11,6 +11,7 @@ from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.evaluation import RegressionScore, inside_box, score
 from exposight.gp import fit
+from exposight.models.quality import I_AVG_MAX, I_AVG_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -258,6 +259,18 @@ def train(
     """
     rows = _usable_rows(specification, table, "train")
     x, y = specification.data(rows)
+    if specification.kernel.gate(x).all():  # else told without the column's name
+        grey = x[:, specification.inputs.index("i_avg")]
+        lies = f"lies outside grey levels {I_AVG_MIN:g} to {I_AVG_MAX:g}"
+        if grey.max() < I_AVG_MIN:
+            lies = f"is below grey level {I_AVG_MIN:g}"
+        msg = (
+            f"cannot train {specification.name}: i_avg {lies} in every row (rows: {len(x)}, i_avg: "
+            f"{grey.min():g} to {grey.max():g}), where the model is 0 by design (it learns from "
+            f"{I_AVG_MIN:g} to {I_AVG_MAX:g}); add longer exposure times, and check that i_avg is "
+            "a mean grey level of 0 to 255"
+        )
+        raise ObservationError(msg)
     result = fit(
         specification.kernel,
         x,
@@ -322,9 +335,10 @@ def _usable_rows(
             else f"measured observations with p_norm ≥ {specification.p_norm_min:g}"
         )
         counts = ", ".join(f"{count} {reason}" for reason, count in table.counts().items())
-        msg = (
-            f"cannot {purpose} {specification.name}: it needs {wanted}, and none of the table's "
-            f"{len(table)} rows is one ({counts or 'no rows'})"
+        msg = f"cannot {purpose} {specification.name}: it needs {wanted}, and " + (
+            f"none of the table's {len(table)} rows is one ({counts or 'no rows'})"
+            if len(table) != 1
+            else f"the table's only row is none ({counts})"
         )
         raise ObservationError(msg)
     return rows

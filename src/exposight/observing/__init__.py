@@ -7,15 +7,10 @@ from exposight.observing.masks import (
     orientation_deg,
     view_features,
 )
+from exposight.observing.observation import SCHEMA, Observation
 from exposight.observing.observe import observe_campaign, observe_capture
 from exposight.observing.point_search import PointSearch, point_search
-from exposight.observing.table import (
-    SCHEMA,
-    Observation,
-    ObservationTable,
-    read_inputs,
-    read_observations,
-)
+from exposight.observing.table import ObservationTable, read_inputs, read_observations
 
 __all__ = [
     "SCHEMA",

@@ -14,8 +14,9 @@ from exposight.cell import PAPER_TOLERANCE
 from exposight.errors import CloudError
 from exposight.observing.brightness import ring_brightness
 from exposight.observing.masks import FeatureView, Visibility, view_features
+from exposight.observing.observation import Observation
 from exposight.observing.point_search import PointSearch, point_search
-from exposight.observing.table import Observation, ObservationTable
+from exposight.observing.table import ObservationTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Section", "facts", "html_page", "versions", "write_report"]
 
-_TITLE = "Point-cloud quality and exposure time, predicted"
 # The browser itself refuses to load anything: the page cannot come to need a network unnoticed.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -36,11 +35,13 @@ class Section:
     body: str
 
 
-def html_page(lead: str, sections: tuple[Section, ...]) -> str:
+def html_page(title: str, lead: str, sections: tuple[Section, ...]) -> str:
     """Return a self-contained page.
 
     Parameters
     ----------
+    title : str
+        What the browser's tab and the page's head say.
     lead : str
         What the page is about, in a sentence.
     sections : tuple of Section
@@ -56,8 +57,8 @@ def html_page(lead: str, sections: tuple[Section, ...]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{_TITLE}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n<body>\n"
-        f'<div class="page">\n<header>\n<h1>{_TITLE}</h1>\n'
+        f"<title>{escape(title)}</title>\n<style>\n{_resource('page.css')}</style>\n</head>\n<body>\n"
+        f'<div class="page">\n<header>\n<h1>{escape(title)}</h1>\n'
         f"<p>{escape(lead)}</p>\n"
         f"<nav>{links}</nav>\n"
         "<noscript><p>The interactive figures need JavaScript; pictures and tables do not.</p>"

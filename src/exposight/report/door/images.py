@@ -115,7 +115,8 @@ def close_figure(number_: int, result: DoorResult) -> str:
     caption = (
         "The features that no model has seen, at full resolution, under the same three exposure "
         "times. The two circles bound the ring in which brightness is averaged and points are "
-        "counted; their colour is the measured <i>p</i><sub>norm</sub>."
+        "counted; their colour is the measured <i>p</i><sub>norm</sub>. Inside the holes there is "
+        "no sheet, so no 3D point at any exposure time."
     )
     content = f'<div class="side close">{"".join(tiles)}</div>'
     return figure(number_, content, caption, marked_legend() + p_norm_legend())

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["door_report"]
 
+_TITLE = "A simulated car door: point-cloud quality and exposure time, predicted"
 _LEAD = "Demonstration of exposight on a car door in a simulated measuring cell."
 _CHOSEN = 1
 
@@ -63,7 +64,7 @@ def door_report(result: DoorResult) -> str:
         Section(title="Numbers", body=score_tables(result) + hyperparameter_table(result)),
         Section(title="Settings, versions, how to repeat", body=_settings(result)),
     )
-    return html_page(_LEAD, sections)
+    return html_page(_TITLE, _LEAD, sections)
 
 
 def _cards(result: DoorResult) -> Iterator[Card]:

@@ -104,12 +104,12 @@ def _forecast_drawing(result: DoorResult) -> go.Figure:
         _add_panel(drawing, view, names, index, f"x{place}")
         start = index * (width + _GAP)
         settings[f"xaxis{place}"] = axis(
-            f"<i>p</i><sub>norm</sub> (1) at {exposure_title(view, index)}",
+            f"<i>p</i><sub>norm</sub> (1)<br>at {exposure_title(view, index)}",
             domain=[start, start + width],
             range=[-0.7, 1.7],
             tickvals=[0, 0.5, 1],
         )
-    settings["yaxis"] = axis("", autorange="reversed", ticks="")
+    settings["yaxis"] = axis("", autorange="reversed", ticks="", dtick=1)
     drawing.update_layout(layout(**settings))
     return drawing
 

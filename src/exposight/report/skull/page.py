@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["skull_report"]
 
+_TITLE = "A recorded skull: point-cloud quality and exposure time, predicted"
 _LEAD = "Demonstration of exposight on a structured-light recording of a skull."
 
 
@@ -57,7 +58,7 @@ def skull_report(result: SkullResult) -> str:
         ),
         Section(title="Settings, versions, sources", body=_settings(result)),
     )
-    return html_page(_LEAD, sections)
+    return html_page(_TITLE, _LEAD, sections)
 
 
 def _check(result: SkullResult) -> None:

@@ -202,7 +202,7 @@ def _surfaces(number_: int, data: PredictionSurfaces) -> DrawnFigure:
         still=surfaces_still(data),
         interactive=surfaces_plot(f"figure-{number_}", data),
         caption=f"{model_name(data.rung)}{pose}, at three depths (columns) and three brightnesses "
-        "(rows); the menu changes to 2σ of a new observation. White dots are places where the "
+        "(rows); the menu changes to 2σ of a new observation. Small circles are places where the "
         f"model has learnt near that depth: away from them it extrapolates.{scale} Point at a "
         "place for its numbers.",
     )

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["study_report"]
 
+_TITLE = "The paper’s study: point-cloud quality and exposure time, predicted"
+
 
 def study_report(
     result: StudyResult,
@@ -51,7 +53,7 @@ def study_report(
         Section(title="Figures", body=_figures(figures, wanted)),
         Section(title="Settings, versions, seeds", body=_settings(result)),
     )
-    return html_page(_lead(result), sections)
+    return html_page(_TITLE, _lead(result), sections)
 
 
 def _figures(figures: tuple[DrawnFigure, ...], wanted: tuple[StudyFigure, ...]) -> str:

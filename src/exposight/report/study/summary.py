@@ -107,14 +107,23 @@ def _position(result: StudyResult) -> Iterator[str]:
     papers = ""
     if first.paper_rmse is not None and second.paper_rmse is not None:
         papers = (
-            f"; the paper’s from {exact(first.paper_rmse, number(first.paper_rmse))} to "
+            f"; in the paper it {_change(first.paper_rmse, second.paper_rmse)} it, from "
+            f"{exact(first.paper_rmse, number(first.paper_rmse))} to "
             f"{exact(second.paper_rmse, number(second.paper_rmse))} %"
         )
     yield (
-        "Position added to brightness takes the quality model’s RMSE on unseen features from "
+        f"Position added to brightness {_change(first.rmse, second.rmse)} the quality model here: "
+        "its RMSE on unseen features goes from "
         f"{exact(first.rmse, number(first.rmse))} to {exact(second.rmse, number(second.rmse))} %"
         f"{papers}."
     )
+
+
+def _change(before: float | None, after: float | None) -> str:
+    """Return what an RMSE's change does to a model."""
+    if before is None or after is None or before == after:
+        return "does not change"
+    return "improves" if after < before else "worsens"
 
 
 def _splits(result: StudyResult) -> Iterator[str]:
