@@ -100,6 +100,19 @@ def test_no_task_needs_no_scheduler():
     assert list(DaskCluster("nowhere").run(abs, [])) == []
 
 
+@pytest.mark.parametrize("workers", [1, 4])  # in this order, and before tests that start two
+def test_a_cluster_gives_the_same_bytes_as_one_process(
+    tmp_path, alone, empty, rings, sheet_plan, content, workers
+):
+    cluster = empty.with_workers(workers)
+    assert len(cluster.workers) == workers
+    reports = []
+    settings = replace(rings, cluster=cluster.address)
+    simulate(sheet_plan, tmp_path / "c", settings, lambda *n: reports.append(n))
+    assert content(tmp_path / "c") == content(alone)
+    assert reports == [(done, 8) for done in (0, 2, 4, 6, 8)]
+
+
 def test_tasks_come_back_with_their_results(cluster):
     workers: Workers = DaskCluster(cluster.address)
     assert sorted(workers.run(abs, [-3, -2, -1])) == [(-3, 3), (-2, 2), (-1, 1)]
@@ -112,17 +125,6 @@ def test_a_process_does_one_task_at_a_time_whatever_its_threads(cluster):
     for process in {pid for pid, *_ in done}:
         spans = sorted((begun, ended) for pid, begun, _, ended in done if pid == process)
         assert all(ended <= begun for (_, ended), (begun, _) in pairwise(spans))
-
-
-@pytest.mark.parametrize("workers", [2, 4])
-def test_a_cluster_gives_the_same_bytes_as_one_process(
-    tmp_path, alone, cluster, settings, sheet_plan, content, workers
-):
-    cluster.with_workers(workers)
-    reports = []
-    simulate(sheet_plan, tmp_path / "c", settings, lambda *n: reports.append(n))
-    assert content(tmp_path / "c") == content(alone)
-    assert reports == [(done, 8) for done in (0, 2, 4, 6, 8)]
 
 
 def test_observing_needs_no_folder(alone, settings, sheet_plan):
