@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.gp_data import exposure_problem, inputs, quality_kernel
 from benchmarks.measuring import Figure, at_most, best_of, publish, say
-from exposight.evaluation import negative_log_predictive_density, rmse
 from exposight.gp import CommitteeFitResult, GaussianProcess, Prediction, fit_committee
+from exposight.statistics import negative_log_predictive_density, rmse
 
 _ROWS, _MANY_ROWS, _UNSEEN = 10_000, 100_000, 2000
 _NOISE = 0.03  # of p_norm, about what a ring of a few hundred pixels has

@@ -11,8 +11,8 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.measuring import Figure, at_most, best_of, say
-from exposight.evaluation import maximal_information_coefficient
-from exposight.evaluation.mic import Estimator
+from exposight.statistics import maximal_information_coefficient
+from exposight.statistics.mic import Estimator
 
 _REFERENCE_VARIABLE = "EXPOSIGHT_REFERENCE_DATA"
 _OBSERVATIONS = 912

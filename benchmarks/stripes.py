@@ -32,11 +32,11 @@ from exposight.paper.campaigns import CAMPAIGNS, campaign_plan
 from exposight.paper.datasets import DATASETS, build_dataset
 from exposight.paper.ladder import LADDER
 from exposight.paper.scores import score_rung
+from exposight.plans import MeasuringPlan, PlannedView, views
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import door
-from exposight.twin.plans import MeasuringPlan, PlannedView, views
 from exposight.twin.sensors import StripeSensor, ring_boxes
-from exposight.twin.workers import LocalProcesses
+from exposight.workers import LocalProcesses
 
 _WORKERS = 2
 _SETTINGS = StudySettings(sensors=("structured-light",), quick=True)

@@ -23,10 +23,10 @@ from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from benchmarks.memory import PeakMemory
 from exposight.cell import Capture, Part, sensor_preset
 from exposight.observing import ObservationTable
+from exposight.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, views
 from exposight.twin.campaign import CellSettings, simulate, simulate_observations
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import FINISHES, Scene, door, export_scene
-from exposight.twin.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, views
 from exposight.twin.sensors import CameraElectronics, DotSensor, StripeSensor
 
 _WORKERS = 2

@@ -14,16 +14,16 @@ from picture_of_exposures import in_finish
 from picture_style import ACCENT, ACCENT_2, ACCENT_3, INK, QUIET, save
 
 from exposight.cell import sensor_preset
+from exposight.plans import plan_preset, views
 from exposight.twin.campaign import CellSettings, simulate_observations
 from exposight.twin.part import export_scene
-from exposight.twin.plans import plan_preset, views
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from exposight.observing import ObservationTable
+    from exposight.plans import MeasuringPlan
     from exposight.twin.part import Scene
-    from exposight.twin.plans import MeasuringPlan
 
 _COLOURS = {"near": ACCENT, "middle": ACCENT_3, "far": ACCENT_2}
 _BIN = 10.0  # grey levels

@@ -15,9 +15,9 @@ from picture_style import ACCENT, ACCENT_2, save
 from exposight.cell import Part, sensor_preset
 from exposight.geometry import PixelBox
 from exposight.observing import observe_capture, point_search, view_features
+from exposight.plans import plan_preset, views
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import FINISHES
-from exposight.twin.plans import plan_preset, views
 from exposight.twin.sensors import StripeSensor
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from exposight.cell import Feature
     from exposight.observing import FeatureView
+    from exposight.plans import PlannedView
     from exposight.twin.part import Finish, Scene
-    from exposight.twin.plans import PlannedView
 
 _SHOWN: tuple[Finish, ...] = ("bare", "primer", "paint")
 _TITLES = {"bare": "bare sheet metal", "primer": "primer", "paint": "paint"}

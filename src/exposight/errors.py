@@ -19,24 +19,6 @@ Every message says what was expected, what came, and what to do about it. ::
         └── NotPositiveDefiniteError   a covariance matrix has no Cholesky factor
 """
 
-__all__ = [
-    "CloudError",
-    "DamagedFileError",
-    "ExposightError",
-    "FeatureError",
-    "FileError",
-    "FormatError",
-    "ImageError",
-    "InputError",
-    "MissingFileError",
-    "NotPositiveDefiniteError",
-    "NumericalError",
-    "ObservationError",
-    "PoseError",
-    "SensorError",
-    "VersionError",
-]
-
 
 class ExposightError(Exception):
     """Base of everything exposight raises on purpose."""

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from exposight.cell import CampaignFolder, CampaignWriter
-from exposight.durable import is_unfinished
 from exposight.errors import MissingFileError
+from exposight.files.durable import is_unfinished
 
 EXPOSURES = (20.0, 10.0)
 

@@ -12,8 +12,8 @@ from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.models import load_model, model_named
 from exposight.observing import read_observations
+from exposight.plans import plan_preset
 from exposight.twin.part import DOOR
-from exposight.twin.plans import plan_preset
 
 _SMALL = plan_preset("small")
 SETTINGS = DoorSettings(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from exposight.twin.plans import PLANS, write_plan
+from exposight.plans import PLANS, write_plan
 
 YAML = """
 format: exposight measuring plan

@@ -15,8 +15,8 @@ import trimesh
 from exposight.cell import CampaignFolder, Feature, Part, read_sensor, sensor_preset
 from exposight.geometry import RigidTransform
 from exposight.observing import read_observations
+from exposight.plans import PLANS
 from exposight.twin.part import Scene, door, export_scene, read_scene
-from exposight.twin.plans import PLANS
 
 PLAN = """
 format = "exposight measuring plan"

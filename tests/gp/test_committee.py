@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from exposight.errors import InputError, NotPositiveDefiniteError, ObservationError
-from exposight.evaluation import negative_log_predictive_density, rmse
 from exposight.gp import (
     Bounds,
     ChangePoint,
@@ -22,6 +21,7 @@ from exposight.gp import (
 )
 from exposight.gp.committee_fitting import ShardTask, evaluate_shard
 from exposight.gp.shards import in_length_scales, split_by_space
+from exposight.statistics import negative_log_predictive_density, rmse
 
 # Two ways to the same factor, of a few hundred rows.
 ROUNDING = 1e-8

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from exposight.evaluation import calibration
 from exposight.gp import ChangePoint, Exponential, GaussianProcess
 from exposight.gp.factor import Factor
+from exposight.statistics import calibration
 
 # Two dozen observations, well conditioned.
 ROUNDING = 1e-10

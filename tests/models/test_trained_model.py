@@ -8,10 +8,10 @@ import pytest
 
 from exposight.cell import sensor_preset
 from exposight.errors import ObservationError
-from exposight.evaluation import r2
 from exposight.gp import GaussianProcess
 from exposight.models import MODELS, QUALITY_MODELS, evaluate, model_named
 from exposight.observing import ObservationTable
+from exposight.statistics import r2
 
 LEAST_R2_PERCENT = 50.0
 """The 1D exposure-time model sees no distance, and so misses a third of the variance."""

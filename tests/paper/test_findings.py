@@ -140,7 +140,7 @@ def test_dependence_of_brightness_leads() -> None:
 
 
 def curve(rung: str, errors: dict[int, float]) -> LearningCurve:
-    from exposight.evaluation import RegressionScore
+    from exposight.statistics import RegressionScore
 
     return LearningCurve(
         rung=rung,

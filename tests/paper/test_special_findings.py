@@ -7,12 +7,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from exposight.evaluation import score
 from exposight.models import Evaluation, ModelPrediction
 from exposight.observing import ObservationTable
 from exposight.paper import Dataset, EvaluationRole, RungEvaluation, Score, TrainedRung
 from exposight.paper.ladder import LADDER
 from exposight.paper.special_findings import SPECIAL_FIGURES, Evidence
+from exposight.statistics import score
 
 Observe = Callable[..., ObservationTable]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exposight.evaluation import score
 from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuadratic
 from exposight.models import Evaluation, FitSummary, ModelPrediction, Provenance, TrainedModel
 from exposight.observing import ObservationTable
 from exposight.paper import Dataset, Rung, Score, ScoreRow, TrainedRung, table_csv
 from exposight.paper.ladder import LADDER
 from exposight.paper.tables import dataset_rows, hyperparameter_rows, score_rows
+from exposight.statistics import score
 
 THREE = 3
 

@@ -19,13 +19,13 @@ from exposight.demo import (
     SkullSettings,
     forecast_view,
 )
-from exposight.evaluation import score
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
 from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
 from exposight.report.door import door_report
 from exposight.report.skull import skull_report
+from exposight.statistics import score
 
 EVIL = "<x>&\"'</script>"
 """A feature's name that would break a page which does not escape it."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exposight.evaluation import score
 from exposight.models import model_named, train
 from exposight.observing import Observation, ObservationTable
 from exposight.paper.figure_data import StudyFigure, study_figures
@@ -30,6 +29,7 @@ from exposight.paper.result import (
 from exposight.report.study import study_report, write_study
 from exposight.report.study.figures import drawn_figures
 from exposight.report.study.summary import summary_html
+from exposight.statistics import score
 
 SL = "structured-light"
 EVIL = "<x>&\"'</script>"

@@ -10,34 +10,3 @@ from exposight.cell.kinds import PAPER_TOLERANCE, RULES, FeatureKind, RingTolera
 from exposight.cell.part import Feature, Part
 from exposight.cell.presets import PRESETS, PresetName, sensor_preset
 from exposight.cell.sensor import ActiveSensor, Projector, read_sensor, write_sensor
-
-__all__ = [
-    "CLOUD_SUFFIXES",
-    "PAPER_TOLERANCE",
-    "PRESETS",
-    "RULES",
-    "ActiveSensor",
-    "Campaign",
-    "CampaignFolder",
-    "CampaignWriter",
-    "Capture",
-    "CaptureKey",
-    "Cloud",
-    "Feature",
-    "FeatureKind",
-    "MemoryCampaign",
-    "Part",
-    "PresetName",
-    "Projector",
-    "RingTolerance",
-    "check_image",
-    "check_points",
-    "read_cloud",
-    "read_features",
-    "read_sensor",
-    "sensor_preset",
-    "write_cloud",
-    "write_features",
-    "write_numbered_capture",
-    "write_sensor",
-]

@@ -1,7 +1,7 @@
 """A campaign as a folder on disk: written capture by capture, read capture by capture.
 
 The layout is in ``docs/formats.md``. Whatever was completely captured stays readable, whenever the
-writer stops: each capture is a folder that appears whole or not at all (`exposight.durable`).
+writer stops: each capture is a folder that appears whole or not at all (`exposight.files.durable`).
 """
 
 from __future__ import annotations
@@ -28,15 +28,13 @@ from exposight.cell.capture_folder import (
     read_key,
     write_capture,
 )
-from exposight.cell.documents import StrictDocument, sealed_json, sha256_of, unseal_json
 from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
-from exposight.cell.writer_lock import WRITER_LOCK, hold_writer_lock
-from exposight.durable import is_unfinished, sweep_unfinished, write_durably
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
-
-__all__ = ["CampaignFolder", "CampaignWriter", "write_numbered_capture"]
+from exposight.files.documents import StrictDocument, sealed_json, sha256_of, unseal_json
+from exposight.files.durable import is_unfinished, sweep_unfinished, write_durably
+from exposight.files.lock import WRITER_LOCK, hold_writer_lock
 
 CAMPAIGN_FORMAT = "exposight campaign"
 CAMPAIGN_VERSION = 1

@@ -10,8 +10,6 @@ from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import InputError
 
-__all__ = ["Campaign", "MemoryCampaign", "check_new_key"]
-
 
 class Campaign(Protocol):
     """All captures of one part by one sensor, in a fixed order."""

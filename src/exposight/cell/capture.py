@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from exposight.cell.sensor import ActiveSensor
     from exposight.geometry import RigidTransform
 
-__all__ = ["Capture", "CaptureKey", "check_image"]
 
 _TYPES = {8: np.dtype(np.uint8), 12: np.dtype(np.uint16), 16: np.dtype(np.uint16)}
 

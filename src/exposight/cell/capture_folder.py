@@ -13,9 +13,7 @@ from pydantic import Field
 
 from exposight.cell.capture import Capture, CaptureKey
 from exposight.cell.cloud import Cloud
-from exposight.cell.documents import StrictDocument, sealed_json, sha256_of, unseal_json
 from exposight.cell.sensor_document import PoseMatrix, pose_from_rows, rows_from_pose
-from exposight.durable import durable_folder
 from exposight.errors import (
     DamagedFileError,
     FileError,
@@ -24,13 +22,14 @@ from exposight.errors import (
     InputError,
     MissingFileError,
 )
+from exposight.files.documents import StrictDocument, sealed_json, sha256_of, unseal_json
+from exposight.files.durable import durable_folder
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-__all__ = ["png_bytes", "read_beside", "read_capture", "read_key", "write_capture"]
 
 CAPTURE_FORMAT = "exposight capture"
 CAPTURE_VERSION = 2

@@ -12,8 +12,6 @@ from exposight.errors import CloudError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Cloud", "check_points"]
-
 
 def check_points(points: ArrayLike) -> NDArray[np.float32]:
     """Return points as a float32 array of their own, missing ones NaN in all three coordinates.

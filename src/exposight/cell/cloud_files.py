@@ -17,17 +17,16 @@ import polars as pl
 from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.cloud import Cloud
-from exposight.cell.columns import check_columns
 from exposight.cell.ply import ply_from_points, points_from_ply
-from exposight.durable import write_durably
 from exposight.errors import CloudError, DamagedFileError, FormatError, MissingFileError
+from exposight.files.columns import check_columns
+from exposight.files.durable import write_durably
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-__all__ = ["CLOUD_SUFFIXES", "read_cloud", "write_cloud"]
 
 _CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from exposight.cell.columns import check_columns
 from exposight.cell.kinds import RULES, FeatureKind
 from exposight.cell.part import Feature, check_unique_names
-from exposight.durable import write_durably
 from exposight.errors import FeatureError, FormatError, MissingFileError
+from exposight.files.columns import check_columns
+from exposight.files.durable import write_durably
 from exposight.geometry import RigidTransform, rotation_facing
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["features_from_csv", "features_to_csv", "read_features", "write_features"]
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
 _OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz")

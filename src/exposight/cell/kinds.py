@@ -19,7 +19,6 @@ from exposight.geometry import HollowCylinder
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["PAPER_TOLERANCE", "RULES", "FeatureKind", "FeatureSize", "KindRule", "RingTolerance"]
 
 FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
 

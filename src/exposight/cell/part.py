@@ -18,8 +18,6 @@ from exposight.errors import FeatureError
 if TYPE_CHECKING:
     from exposight.geometry import HollowCylinder, RigidTransform
 
-__all__ = ["Feature", "Part"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Feature:

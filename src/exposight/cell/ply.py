@@ -19,7 +19,6 @@ from exposight.errors import DamagedFileError, FormatError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ply_from_points", "points_from_ply"]
 
 _TYPES = {
     "char": "i1",

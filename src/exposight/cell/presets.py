@@ -24,8 +24,6 @@ from exposight.cell.sensor import ActiveSensor, Projector
 from exposight.errors import SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 
-__all__ = ["PRESETS", "PresetName", "sensor_preset"]
-
 PresetName = Literal["comet-pro-ae", "rc-visard-65"]
 
 

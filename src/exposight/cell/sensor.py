@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from exposight.cell.documents import check_header, parse_json, validate
 from exposight.cell.sensor_document import (
     SENSOR_FORMAT,
     SENSOR_VERSION,
@@ -17,11 +16,10 @@ from exposight.cell.sensor_document import (
     pose_from_rows,
     rows_from_pose,
 )
-from exposight.durable import write_durably
 from exposight.errors import FormatError, InputError, MissingFileError, SensorError
+from exposight.files.documents import check_header, parse_json, validate
+from exposight.files.durable import write_durably
 from exposight.geometry import PinholeCamera, RigidTransform
-
-__all__ = ["ActiveSensor", "Projector", "read_sensor", "write_sensor"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,20 +6,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from exposight.cell.documents import StrictDocument
+from exposight.files.documents import StrictDocument
 from exposight.geometry import PinholeCamera, RigidTransform
-
-__all__ = [
-    "SENSOR_FORMAT",
-    "SENSOR_VERSION",
-    "CameraDocument",
-    "ExposureDocument",
-    "PoseMatrix",
-    "ProjectorDocument",
-    "SensorDocument",
-    "pose_from_rows",
-    "rows_from_pose",
-]
 
 SENSOR_FORMAT: Final = "exposight sensor"
 SENSOR_VERSION = 1

@@ -2,8 +2,6 @@
 
 from exposight.cli.interrupts import ended_by_interrupts
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Run the program with the command line's arguments, and exit."""

@@ -26,7 +26,6 @@ from exposight.errors import ExposightError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["COMMANDS", "app", "load_command", "run"]
 
 COMMANDS = {
     "demo": "Run the whole method once, on a simulated cell or a recording.",

@@ -19,16 +19,6 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.imaging import PatternSequence
 
-__all__ = [
-    "POSE_CONVENTIONS",
-    "keep_inputs",
-    "make_folder",
-    "pose_from_file",
-    "pose_from_text",
-    "sensor_from",
-    "sequence_from",
-]
-
 
 def keep_inputs(output: Path, *inputs: Path | None) -> None:
     """Refuse to write to a file that is read.

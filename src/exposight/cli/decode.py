@@ -24,8 +24,8 @@ from exposight.cli.output import (
     print_line,
     print_table,
 )
-from exposight.durable import write_durably
 from exposight.errors import CloudError
+from exposight.files.durable import write_durably
 from exposight.geometry import read_projector_camera
 from exposight.imaging import (
     SEQUENCE_PRESETS,

@@ -29,10 +29,10 @@ from exposight.demo import (
     run_skull,
 )
 from exposight.models import MODEL_SUFFIX, UNITS, model_named
+from exposight.plans import PLANS
 from exposight.report import write_report
 from exposight.report.door import door_report
 from exposight.report.skull import skull_report
-from exposight.twin.plans import PLANS
 
 if TYPE_CHECKING:
     from exposight.demo import DemoResult, DoorResult, SkullResult

@@ -25,8 +25,8 @@ from exposight.models import MODEL_SUFFIX, UNITS, evaluate, load_model
 from exposight.observing import read_observations
 
 if TYPE_CHECKING:
-    from exposight.evaluation import RegressionScore
     from exposight.models import Evaluation, TrainedModel
+    from exposight.statistics import RegressionScore
 
 _Models = Annotated[
     list[Path], typer.Argument(metavar="MODEL", help="Model files that train wrote.")

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from exposight.models import TrainedModel
 
-__all__ = ["exposure_unit_remark"]
 
 _UNITS = {1e3: "s", 1e-3: "µs", 1e-6: "ns", 1e6: "another unit"}
 """Factors to ms, and the unit that each one speaks for."""

@@ -16,17 +16,6 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.geometry import PinholeCamera
 
-__all__ = [
-    "Fact",
-    "Recognised",
-    "camera_facts",
-    "fact",
-    "limits",
-    "sensor_facts",
-    "short_unit",
-    "span",
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:

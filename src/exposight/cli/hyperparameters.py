@@ -12,12 +12,6 @@ if TYPE_CHECKING:
     from exposight.gp import Parameter
     from exposight.models import ModelSpecification, TrainedModel
 
-__all__ = [
-    "Hyperparameter",
-    "describe_hyperparameters",
-    "hyperparameter_documents",
-    "print_hyperparameters",
-]
 
 _NOISE = "noise_variance"
 

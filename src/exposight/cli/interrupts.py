@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["INTERRUPTED", "ended_by_interrupts"]
 
 INTERRUPTED = 130  # the exit status, as shells have it: 128 + SIGINT
 

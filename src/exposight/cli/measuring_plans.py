@@ -10,13 +10,11 @@ from exposight.cli.facts import Recognised, fact
 from exposight.cli.output import count, number, print_json, print_table
 from exposight.cli.suggestions import suggestion
 from exposight.errors import InputError
+from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS, DepthPlane, read_plan, views
 from exposight.twin.part import door_part
-from exposight.twin.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS, DepthPlane, read_plan, views
 
 if TYPE_CHECKING:
-    from exposight.twin.plans import MeasuringPlan
-
-__all__ = ["is_plan", "plan_from", "print_plans", "recognise_plan"]
+    from exposight.plans import MeasuringPlan
 
 
 def plan_from(name_or_path: str) -> MeasuringPlan:

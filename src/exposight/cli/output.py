@@ -29,23 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import NoReturn
 
-__all__ = [
-    "BROKEN_PIPE",
-    "JsonOption",
-    "count",
-    "counted",
-    "note",
-    "number",
-    "percent",
-    "print_error",
-    "print_facts",
-    "print_json",
-    "print_line",
-    "print_table",
-    "progress_bars",
-    "quit_quietly",
-    "wrote",
-]
 
 BROKEN_PIPE = 141
 """Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""

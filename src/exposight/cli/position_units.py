@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
 
-__all__ = ["in_metres_remark", "position_unit_remark"]
 
 _POSITIONS = ("x_mm", "y_mm", "z_mm")
 

@@ -26,8 +26,8 @@ from exposight.cli.output import (
     wrote,
 )
 from exposight.cli.position_units import position_unit_remark
-from exposight.durable import write_durably
 from exposight.errors import FormatError, InputError
+from exposight.files.durable import write_durably
 from exposight.models import I_AVG_MAX, I_AVG_MIN, UNITS, load_model
 from exposight.observing import read_inputs
 

@@ -27,16 +27,15 @@ from exposight.cli.suggestions import suggestion
 from exposight.errors import FormatError, MissingFileError
 from exposight.models import MODEL_SUFFIX, is_model_file, load_model
 from exposight.observing import read_observations
+from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
 from exposight.twin.campaign import RECORD_FILE
 from exposight.twin.part import MESH_FILE, read_scene
-from exposight.twin.plans import PLAN_SUFFIXES, PLANS, read_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from exposight.cell import Feature
 
-__all__ = ["recognise"]
 
 _KNOWN = (
     "a campaign's folder, a model (.exposight-model), a sensor (.json), a feature list (.csv), an "

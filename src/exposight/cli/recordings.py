@@ -25,16 +25,6 @@ from exposight.imaging import SEQUENCE_PRESETS, PhaseShift, read_sequence
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = [
-    "CALIBRATION_SUFFIXES",
-    "IMAGE_SUFFIXES",
-    "is_camera_info",
-    "recognise_calibration",
-    "recognise_cloud",
-    "recognise_frames",
-    "recognise_image",
-    "recognise_sequence",
-]
 
 IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm"})
 CALIBRATION_SUFFIXES = frozenset({".xml", ".yml", ".yaml"})

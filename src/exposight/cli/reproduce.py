@@ -23,7 +23,7 @@ from exposight.errors import FileError, MissingFileError
 from exposight.paper.result import SENSOR_KINDS, SensorKind, StudySettings
 from exposight.paper.study import run_study
 from exposight.report.study import write_study
-from exposight.twin.workers import usual_workers
+from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.paper.result import ScoreRow, StudyResult

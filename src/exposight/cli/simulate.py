@@ -19,6 +19,7 @@ from exposight.cli.output import (
 )
 from exposight.cli.simulation_summary import SimulationRun, print_run, run_document
 from exposight.errors import MissingFileError
+from exposight.plans import views
 from exposight.twin.campaign import (
     OBSERVATIONS_FILE,
     CellSettings,
@@ -29,14 +30,13 @@ from exposight.twin.campaign import (
     views_folder,
 )
 from exposight.twin.part import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
-from exposight.twin.plans import views
-from exposight.twin.workers import usual_workers
+from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from exposight.observing import ObservationTable
-    from exposight.twin.plans import MeasuringPlan
+    from exposight.plans import MeasuringPlan
 
 _CORES = usual_workers()
 

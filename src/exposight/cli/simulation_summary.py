@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from exposight.observing import ObservationTable
+    from exposight.plans import MeasuringPlan, PlannedView
     from exposight.twin.campaign import CellSettings
-    from exposight.twin.plans import MeasuringPlan, PlannedView
-
-__all__ = ["SimulationRun", "print_run", "run_document"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

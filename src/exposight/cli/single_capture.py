@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
     from exposight.observing import ObservationTable
 
-__all__ = ["CloudUnit", "SingleCapture", "check_cloud_unit"]
 
 _TOO_NEAR = 500.0
 """A cloud in m lies 1000 times nearer than one in mm; none in mm lies 500 times too near."""

@@ -22,12 +22,12 @@ from exposight.cli.output import (
     wrote,
 )
 from exposight.errors import ObservationError
-from exposight.evaluation import random_split, split_by_group
 from exposight.observing import read_observations
+from exposight.statistics import random_split, split_by_group
 
 if TYPE_CHECKING:
-    from exposight.evaluation import Split
     from exposight.observing import ObservationTable
+    from exposight.statistics import Split
 
 
 class Groups(StrEnum):

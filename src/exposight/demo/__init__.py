@@ -22,32 +22,3 @@ from exposight.demo.recording import (
 from exposight.demo.result import DemoResult, DemoSettings, ModelResult
 from exposight.demo.skull import SequenceCheck, SkullResult, SkullSettings, run_skull
 from exposight.demo.surface_features import PlacementRules, place_features
-
-__all__ = [
-    "DATA_VARIABLE",
-    "EXPOSURE_MODEL",
-    "NOMINAL_EXPOSURE_MS",
-    "QUALITY_MODEL",
-    "WANTED_I_AVG",
-    "DemoResult",
-    "DemoSettings",
-    "DoorMesh",
-    "DoorResult",
-    "DoorSettings",
-    "Forecast",
-    "ModelResult",
-    "NewView",
-    "PlacementRules",
-    "SequenceCheck",
-    "SkullRecording",
-    "SkullResult",
-    "SkullSettings",
-    "decode_to_cloud",
-    "find_skull",
-    "forecast_view",
-    "place_features",
-    "read_skull",
-    "run_door",
-    "run_skull",
-    "skull_sensor",
-]

@@ -19,11 +19,11 @@ from exposight.demo.forecast import Forecast, forecast_view
 from exposight.demo.result import DemoResult, DemoSettings
 from exposight.demo.training import Lesson, Progress, make_folder, silent, train_models
 from exposight.errors import InputError
-from exposight.evaluation import RegressionScore, score
 from exposight.models import ModelSpecification, model_named
 from exposight.observing import FeatureView, Visibility, observe_campaign, view_features
+from exposight.plans import PLANS, DepthPlane, MeasuringPlan, logarithmic_exposures, views
+from exposight.statistics import RegressionScore, score
 from exposight.twin.campaign import CellSettings, scene_at, simulate
-from exposight.twin.plans import PLANS, DepthPlane, MeasuringPlan, logarithmic_exposures, views
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from exposight.errors import InputError
 from exposight.models import MODELS
-from exposight.twin.workers import usual_workers
+from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor

@@ -35,7 +35,6 @@ from exposight.demo.result import DemoResult, DemoSettings
 from exposight.demo.surface_features import place_features
 from exposight.demo.training import Lesson, Progress, make_folder, silent, train_models
 from exposight.errors import InputError
-from exposight.evaluation import split_by_group
 from exposight.geometry import RigidTransform
 from exposight.imaging import (
     compare_along_rays,
@@ -48,6 +47,7 @@ from exposight.observing import (
     observe_campaign,
     view_features,
 )
+from exposight.statistics import split_by_group
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -24,24 +24,3 @@ from exposight.geometry.poses import (
     check_rotation,
     rotation_facing,
 )
-
-__all__ = [
-    "KNOWN_KEYS",
-    "CalibrationKeys",
-    "HollowCylinder",
-    "OpenCVFile",
-    "PinholeCamera",
-    "PixelBox",
-    "ProjectorCamera",
-    "RigidTransform",
-    "check_points",
-    "check_rotation",
-    "count_points_inside",
-    "outlines_in_camera",
-    "pixel_boxes",
-    "read_opencv_file",
-    "read_projector_camera",
-    "read_ros_camera_info",
-    "ring_pixels",
-    "rotation_facing",
-]

@@ -26,33 +26,3 @@ from exposight.gp.posterior import Prediction
 from exposight.gp.priors import LogNormal
 from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import StartResult
-
-__all__ = [
-    "Bounds",
-    "ChangePoint",
-    "Committee",
-    "CommitteeFitResult",
-    "DataScale",
-    "Exponential",
-    "FitResult",
-    "GaussianProcess",
-    "Kernel",
-    "Linear",
-    "LogNormal",
-    "Matern32",
-    "Matern52",
-    "Parameter",
-    "Prediction",
-    "Product",
-    "Quantity",
-    "RationalQuadratic",
-    "SquaredExponential",
-    "StartResult",
-    "Stationary",
-    "Sum",
-    "fit",
-    "fit_committee",
-    "gpy_length_scale",
-    "kernel_from_dict",
-    "length_scale_from_gpy",
-]

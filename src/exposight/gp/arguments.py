@@ -9,8 +9,6 @@ from exposight.errors import InputError, ObservationError
 from exposight.gp.kernels import Kernel
 from exposight.gp.observations import BoolArray, FloatArray, check_inputs, check_targets
 
-__all__ = ["check_noise_variance", "check_observations", "check_rows"]
-
 
 def check_noise_variance(noise_variance: float) -> None:
     """Check that a noise variance is positive and finite.

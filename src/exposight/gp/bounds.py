@@ -11,8 +11,6 @@ from exposight.errors import InputError
 from exposight.gp.kernels import Kernel, Parameter, Product, Quantity, Sum
 from exposight.gp.observations import FloatArray
 
-__all__ = ["Bounds", "DataScale", "starting_values"]
-
 Limits: TypeAlias = tuple[float, float]
 
 NOISE_VARIANCE = "noise_variance"

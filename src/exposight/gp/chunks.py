@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
-__all__ = ["in_chunks", "part_of"]
-
 
 def in_chunks(
     work: Callable[[slice], None],

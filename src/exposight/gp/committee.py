@@ -33,8 +33,6 @@ from exposight.gp.posterior import Prediction
 from exposight.gp.shards import Rows, partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
-__all__ = ["Committee"]
-
 # Rows predicted at once: 8 MB of covariances with an expert of 2000 observations.
 _CHUNK = 500
 # Pairs of rows and observations from which on a prediction takes long enough to share it.

@@ -23,8 +23,6 @@ from exposight.gp.search import Search, StartResult
 from exposight.gp.shards import Rows, count_shards, partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
-__all__ = ["CommitteeFitResult", "ShardMap", "ShardTask", "evaluate_shard", "fit_committee"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShardTask:

@@ -16,8 +16,6 @@ from exposight.gp.kernels import Kernel, tiles
 from exposight.gp.observations import FloatArray
 from exposight.gp.updates import complement
 
-__all__ = ["CommunicationSet", "Expert"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommunicationSet:

@@ -14,8 +14,6 @@ from exposight.gp.observations import FloatArray
 from exposight.gp.threads import in_threads
 from exposight.gp.triangular import factor_lower, invert_lower
 
-__all__ = ["JITTERS", "Factor", "factor_with_jitter", "factorise"]
-
 # Added to the diagonal, in shares of its mean, one after the other until the factor exists. The
 # last keeps a prediction's standard deviation right to a thousandth of the prior's.
 JITTERS = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)

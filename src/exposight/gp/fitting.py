@@ -19,8 +19,6 @@ from exposight.gp.priors import NO_PRIORS, LogNormal
 from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import Search, StartResult
 
-__all__ = ["FitResult", "fit"]
-
 _logger = logging.getLogger(__name__)
 
 # Later starts vary the first by a factor of e and more: far enough to leave its basin.

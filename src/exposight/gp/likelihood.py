@@ -10,8 +10,6 @@ from exposight.gp.kernels import Kernel, tiles
 from exposight.gp.observations import BoolArray, FloatArray
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
 
-__all__ = ["MarginalLikelihood", "log_likelihood", "white_noise_log_likelihood"]
-
 _LOG_2PI = math.log(2.0 * math.pi)
 
 

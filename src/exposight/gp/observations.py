@@ -11,15 +11,6 @@ FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
 
-__all__ = [
-    "BoolArray",
-    "FloatArray",
-    "IntArray",
-    "check_inputs",
-    "check_learnable",
-    "check_targets",
-]
-
 
 def _as_floats(values: ArrayLike, name: str) -> FloatArray:
     try:

@@ -10,8 +10,6 @@ from exposight.gp.likelihood import log_likelihood
 from exposight.gp.observations import FloatArray
 from exposight.gp.threads import limit_blas
 
-__all__ = ["Posterior", "Prediction"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:

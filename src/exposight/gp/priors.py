@@ -10,8 +10,6 @@ import numpy as np
 from exposight.errors import InputError
 from exposight.gp.observations import FloatArray
 
-__all__ = ["NO_PRIORS", "LogNormal", "check_priors", "log_prior"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class LogNormal:

@@ -16,8 +16,6 @@ from exposight.gp.posterior import Posterior, Prediction
 from exposight.gp.threads import limit_blas
 from exposight.gp.updates import append_rows, remove_rows
 
-__all__ = ["GaussianProcess"]
-
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
 _CHUNK = 2000
 # Pairs of rows and observations from which on a prediction takes long enough to share it.

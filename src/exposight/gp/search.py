@@ -13,8 +13,6 @@ from exposight.gp.kernels import Kernel
 from exposight.gp.observations import FloatArray
 from exposight.gp.priors import LogNormal, check_priors, log_prior
 
-__all__ = ["Likelihood", "Search", "StartResult"]
-
 # The objective is the likelihood of one observation: these stop within 1e-6 of the maximum's
 # likelihood for a thousand observations.
 _OPTIONS = {"ftol": 1e-11, "gtol": 1e-6, "maxcor": 20}

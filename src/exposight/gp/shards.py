@@ -11,8 +11,6 @@ from exposight.gp.bounds import DataScale
 from exposight.gp.kernels import Kernel, Quantity
 from exposight.gp.observations import FloatArray
 
-__all__ = ["Partition", "Rows", "count_shards", "in_length_scales", "partition", "split_by_space"]
-
 Rows: TypeAlias = NDArray[np.intp]
 
 

@@ -12,8 +12,6 @@ from threadpoolctl import ThreadpoolController
 
 from exposight.errors import InputError
 
-__all__ = ["choose_threads", "in_threads", "limit_blas"]
-
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 

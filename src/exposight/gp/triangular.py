@@ -15,8 +15,6 @@ from numba.extending import get_cython_function_address
 from exposight.errors import InputError
 from exposight.gp.observations import FloatArray
 
-__all__ = ["factor_lower", "invert_lower"]
-
 # Columns that LAPACK factorises at once, and rows below which it inverts as quickly; measured.
 _PANEL, _SMALL = 96, 128
 _DOUBLE_BYTES = 8

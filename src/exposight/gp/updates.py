@@ -10,8 +10,6 @@ from exposight.gp.kernels import Kernel, tiles
 from exposight.gp.observations import FloatArray
 from exposight.gp.triangular import factor_lower
 
-__all__ = ["append_rows", "complement", "remove_rows"]
-
 # A share of the rows from which on factorising afresh takes no longer than removing them one by
 # one; measured at 2000 rows.
 _MANY = 1 / 20

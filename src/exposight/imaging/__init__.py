@@ -18,35 +18,3 @@ from exposight.imaging.sequences import (
 )
 from exposight.imaging.stereo import StereoLimits, match_pair, matchable
 from exposight.imaging.triangulation import triangulate
-
-__all__ = [
-    "SEQUENCE_PRESETS",
-    "BitDepth",
-    "CloudAgreement",
-    "DecodedMap",
-    "DecodingCounts",
-    "DecodingLimits",
-    "FrameStack",
-    "Fringe",
-    "GrayCode",
-    "PatternSequence",
-    "PhaseShift",
-    "PixelFlag",
-    "RectifiedPair",
-    "StereoLimits",
-    "check_frames",
-    "compare_along_rays",
-    "decode",
-    "match_pair",
-    "matchable",
-    "phase_and_modulation",
-    "re_expose",
-    "read_frames",
-    "read_recording",
-    "read_sequence",
-    "rectify",
-    "sequence_preset",
-    "sequence_to_toml",
-    "triangulate",
-    "unwrap_step",
-]

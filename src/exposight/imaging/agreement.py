@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from exposight.cell import Cloud
     from exposight.geometry import PinholeCamera
 
-__all__ = ["CloudAgreement", "compare_along_rays"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CloudAgreement:

@@ -13,7 +13,6 @@ from exposight.errors import ImageError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["DecodedMap", "DecodingCounts", "DecodingLimits", "PixelFlag"]
 
 _FULL_SCALE = 255.0
 

@@ -16,8 +16,6 @@ from exposight.imaging.sequences import GrayCode, PatternSequence, PhaseShift
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["decode", "read_recording"]
-
 
 def read_recording(
     folder: str | Path, sequence: PatternSequence, *, exposure_ms: float | None = None

@@ -18,7 +18,6 @@ from exposight.errors import ImageError, MissingFileError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["BIT_DEPTHS", "BitDepth", "FrameStack", "Frames", "check_frames", "read_frames"]
 
 Frames: TypeAlias = "NDArray[np.uint8] | NDArray[np.uint16]"
 

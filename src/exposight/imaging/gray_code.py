@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from exposight.imaging.frames import Frames, FrameStack
     from exposight.imaging.sequences import GrayCode
 
-__all__ = ["AxisMap", "decode_gray_code"]
 
 _LOW = np.uint8(PixelFlag.LOW_MODULATION)
 _CLIPPED = np.uint8(PixelFlag.CLIPPED)

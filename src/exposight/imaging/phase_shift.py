@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from exposight.imaging.frames import Frames, FrameStack
     from exposight.imaging.sequences import Fringe, PhaseShift
 
-__all__ = ["decode_phase_shift", "phase_and_modulation", "unwrap_step"]
 
 _LOW = np.uint8(PixelFlag.LOW_MODULATION)
 _CLIPPED = np.uint8(PixelFlag.CLIPPED)

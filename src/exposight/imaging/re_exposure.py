@@ -9,8 +9,6 @@ import numpy as np
 from exposight.errors import ImageError
 from exposight.imaging.frames import FrameStack, check_frames
 
-__all__ = ["re_expose"]
-
 
 def re_expose(stack: FrameStack, factor: float) -> FrameStack:
     """Scale a stack's grey levels as if it had been exposed `factor` times as long.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from exposight.geometry import RigidTransform
 
-__all__ = ["RectifiedPair", "rectify"]
 
 _ON_GRID_PX = 1e-3
 """Nearer than this to a pixel's centre is on it."""

@@ -31,12 +31,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from exposight.cell.document_faults import faults
 from exposight.errors import FormatError, ImageError, MissingFileError
+from exposight.files.document_faults import faults
 from exposight.imaging.frames import BitDepth
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
-
-__all__ = ["read_sequence", "sequence_to_toml"]
 
 _Frame = Annotated[int, Field(ge=0)]
 _STRICT = ConfigDict(extra="forbid", frozen=True)

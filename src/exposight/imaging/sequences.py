@@ -21,14 +21,6 @@ from exposight.imaging.frames import BIT_DEPTHS, BitDepth
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "SEQUENCE_PRESETS",
-    "Fringe",
-    "GrayCode",
-    "PatternSequence",
-    "PhaseShift",
-    "sequence_preset",
-]
 
 _MAX_BITS = 16
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from exposight.imaging.rectification import RectifiedPair
 
-__all__ = ["StereoLimits", "match_pair", "matchable"]
 
 _STEP = 16  # disparities come in 1/16 px, and their number must be a multiple of 16
 _LARGEST_DISPARITY_PX = 2000  # 1/16 px in 16 bits

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from exposight.geometry import PinholeCamera, RigidTransform
     from exposight.imaging.decoded import DecodedMap
 
-__all__ = ["triangulate"]
 
 _MAX_STEPS = 20
 _CONVERGED = 1e-12

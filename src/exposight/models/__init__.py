@@ -15,29 +15,6 @@ from exposight.models.trained_model import (
     train,
 )
 
-__all__ = [
-    "EXPOSURE_TIME_MODELS",
-    "I_AVG_MAX",
-    "I_AVG_MIN",
-    "MODELS",
-    "MODEL_SUFFIX",
-    "P_NORM_MIN",
-    "QUALITY_MODELS",
-    "UNITS",
-    "Evaluation",
-    "FitSummary",
-    "ModelPrediction",
-    "ModelSpecification",
-    "Provenance",
-    "TrainedModel",
-    "evaluate",
-    "is_model_file",
-    "load_model",
-    "model_named",
-    "save_model",
-    "train",
-]
-
 MODELS = (*QUALITY_MODELS, *EXPOSURE_TIME_MODELS)
 """Every model of the paper's Tables 2 and 3, in their order."""
 

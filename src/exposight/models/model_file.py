@@ -19,9 +19,9 @@ import numpy as np
 from pydantic import Field
 
 from exposight.cell import ActiveSensor
-from exposight.cell.documents import StrictDocument, check_header, parse_json, validate
-from exposight.durable import write_durably
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
+from exposight.files.documents import StrictDocument, check_header, parse_json, validate
+from exposight.files.durable import write_durably
 from exposight.gp import GaussianProcess, kernel_from_dict
 from exposight.models.specification import UNITS, ModelSpecification, Target
 from exposight.models.trained_model import FitSummary, Provenance, TrainedModel

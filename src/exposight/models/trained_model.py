@@ -9,9 +9,9 @@ import numpy as np
 
 from exposight import __version__
 from exposight.errors import ObservationError
-from exposight.evaluation import RegressionScore, inside_box, score
 from exposight.gp import fit
 from exposight.models.quality import I_AVG_MAX, I_AVG_MIN
+from exposight.statistics import RegressionScore, inside_box, score
 
 if TYPE_CHECKING:
     from collections.abc import Callable

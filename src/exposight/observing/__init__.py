@@ -11,20 +11,3 @@ from exposight.observing.observation import SCHEMA, Observation
 from exposight.observing.observe import observe_campaign, observe_capture
 from exposight.observing.point_search import PointSearch, point_search
 from exposight.observing.table import ObservationTable, read_inputs, read_observations
-
-__all__ = [
-    "SCHEMA",
-    "FeatureView",
-    "Observation",
-    "ObservationTable",
-    "PointSearch",
-    "Visibility",
-    "incidence_deg",
-    "observe_campaign",
-    "observe_capture",
-    "orientation_deg",
-    "point_search",
-    "read_inputs",
-    "read_observations",
-    "view_features",
-]

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["cast", "check_header", "check_values", "check_whole", "missing_column"]
 
 _UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
 

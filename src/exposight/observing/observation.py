@@ -9,8 +9,6 @@ import polars as pl
 
 from exposight.observing.masks import Visibility
 
-__all__ = ["REQUIRED", "SCHEMA", "Observation"]
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Observation:

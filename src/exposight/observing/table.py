@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
-from exposight.durable import write_durably
 from exposight.errors import FormatError, MissingFileError, ObservationError
+from exposight.files.durable import write_durably
 from exposight.observing.columns import (
     cast,
     check_header,

@@ -22,26 +22,3 @@ from exposight.paper.result import (
 )
 from exposight.paper.study import run_study
 from exposight.paper.tables import table_csv
-
-__all__ = [
-    "SENSOR_KINDS",
-    "Dataset",
-    "DatasetRow",
-    "DependenceMatrix",
-    "EvaluationRole",
-    "Finding",
-    "HyperparameterRow",
-    "LearningCurve",
-    "LearningStep",
-    "Rung",
-    "RungEvaluation",
-    "Score",
-    "ScoreRow",
-    "SensorKind",
-    "StudyResult",
-    "StudySettings",
-    "StudyTables",
-    "TrainedRung",
-    "run_study",
-    "table_csv",
-]

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
-from exposight.twin.plans import plan_preset
+from exposight.plans import plan_preset
 
 if TYPE_CHECKING:
     from exposight.paper.result import SensorKind
-    from exposight.twin.plans import DepthPlane, MeasuringPlan, RandomPositions
-
-__all__ = ["CAMPAIGNS", "Campaign", "campaign_plan", "plan_size"]
+    from exposight.plans import DepthPlane, MeasuringPlan, RandomPositions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,22 +16,21 @@ from typing import TYPE_CHECKING
 
 from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
-from exposight.cell.documents import sha256_of
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
+from exposight.files.documents import sha256_of
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper.campaigns import CAMPAIGNS, campaign_plan, plan_size
 from exposight.paper.kept_tables import kept_table, seal_table, table_path
+from exposight.plans import plan_to_toml
 from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simulate_observations
-from exposight.twin.plans import plan_to_toml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from exposight.paper.campaigns import Campaign
     from exposight.paper.result import StudySettings
-    from exposight.twin.plans import MeasuringPlan
+    from exposight.plans import MeasuringPlan
 
-__all__ = ["ObservedCampaign", "collect"]
 
 _logger = logging.getLogger(__name__)
 

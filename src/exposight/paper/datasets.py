@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import polars as pl
 
-from exposight.evaluation import Split, inside_box, random_split, split_by_group
 from exposight.models import P_NORM_MIN
 from exposight.observing import ObservationTable
 from exposight.paper.result import Dataset, SensorKind
+from exposight.statistics import Split, inside_box, random_split, split_by_group
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,15 +25,6 @@ if TYPE_CHECKING:
 
     from exposight.paper.result import StudySettings
 
-__all__ = [
-    "DATASETS",
-    "POSE",
-    "POSITION",
-    "DatasetDefinition",
-    "build_dataset",
-    "concatenated",
-    "inside_range",
-]
 
 TRAINING: Final = ("f1", "f2", "f3", "f4")
 TRAINING_PLUS: Final = (*TRAINING, "f5", "f6", "f7", "f8", "f9")

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from exposight.paper.result import ScoreRow
     from exposight.paper.special_findings import Evidence
 
-__all__ = ["Statement", "judge", "statements"]
 
 _COMPARISONS: Final[Mapping[str, Callable[[float, float], bool]]] = {
     "≥": operator.ge,

@@ -10,9 +10,9 @@ import hashlib
 import logging
 from typing import TYPE_CHECKING
 
-from exposight.cell.documents import sha256_of
-from exposight.durable import write_durably
 from exposight.errors import DamagedFileError, FileError, ObservationError
+from exposight.files.documents import sha256_of
+from exposight.files.durable import write_durably
 from exposight.observing import read_observations
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from exposight.observing import ObservationTable
 
-__all__ = ["kept_table", "seal_table", "table_path"]
 
 _logger = logging.getLogger(__name__)
 

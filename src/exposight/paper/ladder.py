@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from exposight.models import ModelSpecification
     from exposight.paper.result import EvaluationRole
 
-__all__ = ["LADDER", "LEARNING_RUNGS"]
 
 _Test: TypeAlias = Literal["test", "test_inside"]
 

@@ -15,14 +15,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = [
-    "RANGES",
-    "PublishedDataset",
-    "PublishedScore",
-    "published_datasets",
-    "published_hyperparameters",
-    "published_scores",
-]
 
 RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 """Columns of which Table 9 prints the range; r is 0 throughout."""

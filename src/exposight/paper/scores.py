@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from exposight.observing import ObservationTable
     from exposight.paper.result import Dataset, Rung, RungEvaluation
 
-__all__ = ["reconditioned", "score_on", "score_rung"]
-
 
 def score_rung(
     rung: Rung, model: TrainedModel, datasets: Mapping[str, Dataset]

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import polars as pl
 
-from exposight.evaluation import r2, rmse
 from exposight.paper.datasets import OUTSIDE, POSE, inside_range
 from exposight.paper.result import Dataset, SensorKind, TrainedRung
+from exposight.statistics import r2, rmse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from exposight.models import Evaluation
     from exposight.paper.result import DependenceMatrix, LearningCurve
 
-__all__ = ["SPECIAL_FIGURES", "Evidence"]
 
 _PLATEAU = (30.0, 110.0)
 """Grey levels between which p_norm neither rises nor falls (Figs. 10, 11)."""

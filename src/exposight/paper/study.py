@@ -22,7 +22,6 @@ import numpy as np
 
 from exposight import __version__
 from exposight.errors import FileError
-from exposight.evaluation import maximal_information_matrix
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS
 from exposight.paper.collection import ObservedCampaign, collect
@@ -44,6 +43,7 @@ from exposight.paper.scores import score_on, score_rung
 from exposight.paper.special_findings import Evidence
 from exposight.paper.tables import build_tables
 from exposight.paper.training import Training, train_all
+from exposight.statistics import maximal_information_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.models import TrainedModel
 
-__all__ = ["DEPENDENCE_COLUMNS", "run_study"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, what of it is done, and how much there is."""

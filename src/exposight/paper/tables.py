@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.paper.result import Score
 
-__all__ = ["build_tables", "dataset_rows", "hyperparameter_rows", "score_rows", "table_csv"]
 
 _SYMBOLS = {
     "variance": "σ²",

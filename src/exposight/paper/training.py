@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from exposight import __version__
 from exposight.errors import FileError
 from exposight.models import MODEL_SUFFIX, load_model, save_model, train
-from exposight.twin.workers import LocalProcesses
+from exposight.workers import LocalProcesses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from exposight.models import ModelSpecification, TrainedModel
     from exposight.observing import ObservationTable
 
-__all__ = ["Training", "table_checksum", "train_all"]
 
 _logger = logging.getLogger(__name__)
 

@@ -4,5 +4,3 @@ Here is what every page is made of; `door`, `skull` and `study` have a page each
 """
 
 from exposight.report.page import write_report
-
-__all__ = ["write_report"]

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from exposight.demo import DemoResult, ModelResult
 
-__all__ = ["Card", "Key", "cards", "count_key", "model_cards"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Key:

@@ -9,22 +9,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "ACCENT",
-    "BAND",
-    "CLIPPED",
-    "EXPOSURE_SCALE",
-    "GRID",
-    "INK",
-    "MUTED",
-    "NO_POINT",
-    "OUTSIDE",
-    "P_NORM_SCALE",
-    "css_gradient",
-    "plotly_scale",
-    "rgb",
-    "scale_rgb",
-]
 
 INK = "#1d2733"
 MUTED = "#5c6773"

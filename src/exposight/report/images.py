@@ -21,18 +21,6 @@ if TYPE_CHECKING:
 
     from exposight.cell import Capture
 
-__all__ = [
-    "blend",
-    "brighten",
-    "grey_picture",
-    "jpeg",
-    "marked_legend",
-    "marked_picture",
-    "mask_edge",
-    "p_norm_legend",
-    "png",
-    "zoomable",
-]
 
 _FULL_SCALE = 255.0
 _TINT_OPACITY = 0.45

@@ -12,21 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "Heading",
-    "count_cell",
-    "escape",
-    "exact",
-    "figure",
-    "fixed",
-    "image_tag",
-    "model_code",
-    "model_name",
-    "number",
-    "section",
-    "table",
-    "with_unit",
-]
 
 _MODEL_NAME = re.compile(r"([qe])_k(\d)(?:_(plusplus|plus|star|lin))?(_s2)?")
 _VARIANTS = {None: "", "plus": "+", "plusplus": "++", "star": "*", "lin": "lin"}

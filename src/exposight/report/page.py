@@ -13,13 +13,12 @@ import scipy
 from plotly.offline import get_plotlyjs
 
 from exposight import __version__
-from exposight.durable import write_durably
+from exposight.files.durable import write_durably
 from exposight.report.markup import escape, section
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Section", "facts", "html_page", "versions", "write_report"]
 
 # The browser itself refuses to load anything: the page cannot come to need a network unnoticed.
 _POLICY = (

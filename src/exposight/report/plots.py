@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     import plotly.graph_objects as go
 
-__all__ = ["FONT", "Choice", "axis", "choices", "data_block", "layout", "plot"]
 
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 

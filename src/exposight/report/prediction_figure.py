@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from exposight.demo import DemoResult, ModelResult
     from exposight.models import Evaluation
 
-__all__ = ["prediction_figure"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Target:

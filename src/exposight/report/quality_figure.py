@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
 
-__all__ = ["quality_figure"]
 
 _MODEL = "q_k1"
 _GRID = np.linspace(0.0, 255.0, 511)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from exposight.models import UNITS
 from exposight.report.markup import escape
 
-__all__ = ["axis_math", "axis_title", "column_math", "column_name"]
-
 _SYMBOLS = {
     "p_norm": ("p", "norm"),
     "exposure_ms": ("t", "exp"),

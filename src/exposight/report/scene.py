@@ -11,8 +11,6 @@ from exposight.report.colours import GRID
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["coordinates", "scene"]
-
 
 def coordinates(points: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
     """Lay the camera's axes into plotly's, whose z is up: its y is depth, its z the image's v."""

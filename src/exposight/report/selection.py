@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from exposight.demo import DemoResult, ModelResult
 
-__all__ = ["exposures_ms", "model_results", "named_result"]
-
 
 def exposures_ms(result: DemoResult) -> tuple[float, ...]:
     """Return the exposure times of the observations in ms, ascending."""

@@ -23,11 +23,10 @@ from exposight.report.selection import model_results
 
 if TYPE_CHECKING:
     from exposight.demo import DemoResult, ModelResult
-    from exposight.evaluation import RegressionScore
     from exposight.gp import Parameter
     from exposight.models import ModelSpecification
+    from exposight.statistics import RegressionScore
 
-__all__ = ["hyperparameter_table", "score_tables"]
 
 _NOISE = "noise_variance"
 _SHORT_UNITS = {"i_avg": "grey levels", "p_norm": ""}

@@ -8,8 +8,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Vector", "dot", "row", "tangents", "unit"]
-
 Vector = tuple[float, float, float]
 
 

@@ -18,23 +18,3 @@ from exposight.gp.kernels.stationary import (
     SquaredExponential,
     Stationary,
 )
-
-__all__ = [
-    "ChangePoint",
-    "Exponential",
-    "Kernel",
-    "Leaf",
-    "Linear",
-    "Matern32",
-    "Matern52",
-    "Parameter",
-    "Product",
-    "Quantity",
-    "RationalQuadratic",
-    "SquaredExponential",
-    "Stationary",
-    "Sum",
-    "gpy_length_scale",
-    "kernel_from_dict",
-    "length_scale_from_gpy",
-]

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike
 
 from exposight.errors import InputError
 
-__all__ = ["check_dims", "check_fixed", "check_positive"]
-
 
 def check_positive(values: ArrayLike, *, what: str) -> tuple[float, ...]:
     """Check that every value is a positive, finite number and return them as a tuple.

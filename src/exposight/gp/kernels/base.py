@@ -13,8 +13,6 @@ from exposight.gp.kernels import tiles
 from exposight.gp.kernels.parameters import Parameter, name_parameters
 from exposight.gp.observations import BoolArray, FloatArray, check_inputs
 
-__all__ = ["Kernel", "Product", "Sum"]
-
 
 class Kernel(ABC):
     """A covariance function k(x, x'), immutable, with its derivatives.

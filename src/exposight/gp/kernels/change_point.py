@@ -14,8 +14,6 @@ from exposight.gp.kernels.loops import close_outside
 from exposight.gp.kernels.parameters import Parameter
 from exposight.gp.observations import BoolArray, FloatArray
 
-__all__ = ["ChangePoint"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ChangePoint(Leaf):

@@ -17,8 +17,6 @@ from exposight.gp.kernels.stationary import (
     SquaredExponential,
 )
 
-__all__ = ["kernel_from_dict"]
-
 _LEAVES: dict[str, type[Leaf]] = {
     leaf.type_name: leaf
     for leaf in (

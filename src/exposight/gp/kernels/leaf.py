@@ -10,8 +10,6 @@ from exposight.gp.kernels.base import Kernel
 from exposight.gp.kernels.parameters import Parameter
 from exposight.gp.observations import BoolArray, FloatArray
 
-__all__ = ["Leaf"]
-
 
 class Leaf(Kernel):
     """A kernel that is not composed of others."""

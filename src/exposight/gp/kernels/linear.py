@@ -11,8 +11,6 @@ from exposight.gp.kernels.leaf import Leaf
 from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.observations import FloatArray
 
-__all__ = ["Linear"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(Leaf):

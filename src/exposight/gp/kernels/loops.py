@@ -13,22 +13,6 @@ import numpy as np
 
 from exposight.gp.observations import FloatArray, IntArray
 
-__all__ = [
-    "close_outside",
-    "correlate_exponential",
-    "correlate_matern32",
-    "correlate_matern52",
-    "correlate_rational_quadratic",
-    "correlate_squared_exponential",
-    "derive_exponential",
-    "derive_matern32",
-    "derive_matern52",
-    "derive_rational_quadratic",
-    "derive_squared_exponential",
-    "squared_distances",
-    "weighted_square_differences",
-]
-
 # Only multiply-adds may be fused where every rounding counts; sums may be taken in any order.
 _EXACT: dict[str, Any] = {
     "nogil": True,

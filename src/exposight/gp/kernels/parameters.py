@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-__all__ = ["Parameter", "Quantity", "name_parameters"]
-
 
 class Quantity(StrEnum):
     """What a hyperparameter measures; decides its default bounds and starting value."""

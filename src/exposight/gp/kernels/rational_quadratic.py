@@ -10,8 +10,6 @@ from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.kernels.stationary import Stationary
 from exposight.gp.observations import FloatArray
 
-__all__ = ["RationalQuadratic", "gpy_length_scale", "length_scale_from_gpy"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class RationalQuadratic(Stationary):

@@ -15,14 +15,6 @@ from exposight.gp.kernels.loops import squared_distances, weighted_square_differ
 from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.observations import FloatArray, IntArray
 
-__all__ = [
-    "Exponential",
-    "Matern32",
-    "Matern52",
-    "SquaredExponential",
-    "Stationary",
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Stationary(Leaf):

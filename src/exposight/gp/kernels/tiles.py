@@ -7,16 +7,6 @@ import numpy as np
 
 from exposight.gp.observations import FloatArray
 
-__all__ = [
-    "Tileable",
-    "fill",
-    "fill_triangle",
-    "product",
-    "row_blocks",
-    "tile",
-    "weighted_derivatives",
-]
-
 # Half a MB each for values and weights together, small beside a core's second cache; columns are
 # scaled once for all rows of a tile.
 _ROWS, _COLUMNS = 64, 1024

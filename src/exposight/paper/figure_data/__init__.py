@@ -32,29 +32,3 @@ from exposight.paper.figure_data.study_figures import (
     study_figures,
 )
 from exposight.paper.figure_data.surfaces import PredictionSurfaces, prediction_surfaces
-
-__all__ = [
-    "BestAndWorst",
-    "BrightnessCurves",
-    "CaptureForecast",
-    "ExposureRow",
-    "FeatureForecast",
-    "FeaturePositions",
-    "FigureData",
-    "KernelExample",
-    "KernelExamples",
-    "ObservedCurve",
-    "PredictedCurve",
-    "PredictionSurfaces",
-    "StudyFigure",
-    "TrainingPositions",
-    "best_and_worst",
-    "capture_forecast",
-    "extreme_radii",
-    "feature_positions",
-    "kernel_examples",
-    "nearest_row",
-    "observed_curves",
-    "prediction_surfaces",
-    "study_figures",
-]

@@ -15,17 +15,6 @@ if TYPE_CHECKING:
     from exposight.observing import ObservationTable
     from exposight.paper.result import SensorKind
 
-__all__ = [
-    "BrightnessCurves",
-    "ExposureRow",
-    "FeaturePositions",
-    "ObservedCurve",
-    "TrainingPositions",
-    "extreme_radii",
-    "feature_positions",
-    "nearest_row",
-    "observed_curves",
-]
 
 _COLUMNS = ("exposure_ms", "i_avg", "p_norm", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
 _ROW_WIDTH_MM = 10.0

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
 
-__all__ = ["BestAndWorst", "PredictedCurve", "best_and_worst"]
 
 _SHOWN = 3
 """Best and worst predictions that the figures show."""

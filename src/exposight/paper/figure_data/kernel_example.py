@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from exposight.gp import Kernel
 
-__all__ = ["KernelExample", "KernelExamples", "kernel_examples"]
 
 _OBSERVATIONS = 7
 _NOISE = 0.05

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
 
-__all__ = ["CaptureForecast", "FeatureForecast", "capture_forecast"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class FeatureForecast:

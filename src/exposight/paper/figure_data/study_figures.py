@@ -26,7 +26,6 @@ from exposight.paper.result import DependenceMatrix, LearningCurve
 if TYPE_CHECKING:
     from exposight.paper.result import SensorKind, StudyResult
 
-__all__ = ["FigureData", "StudyFigure", "study_figures"]
 
 FigureData: TypeAlias = (
     KernelExamples

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from exposight.models import TrainedModel
     from exposight.paper.result import SensorKind
 
-__all__ = ["DEPTHS_MM", "GREY_LEVELS", "PredictionSurfaces", "prediction_surfaces"]
 
 DEPTHS_MM = (-150.0, 0.0, 150.0)
 """z_tcp of the columns of Figs. 12, 24, 25 and 26."""

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.evaluation import inside_box
+from exposight.statistics import inside_box
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.models import TrainedModel
-
-__all__ = ["inside_training_poses"]
 
 
 def inside_training_poses(model: TrainedModel, inputs: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -21,24 +21,3 @@ from exposight.paper.result.settings import SENSOR_KINDS, SensorKind, StudySetti
 from exposight.paper.result.statistics import DependenceMatrix, LearningCurve, LearningStep
 from exposight.paper.result.study_result import StudyResult
 from exposight.paper.result.table_rows import DatasetRow, HyperparameterRow, ScoreRow, StudyTables
-
-__all__ = [
-    "SENSOR_KINDS",
-    "Dataset",
-    "DatasetRow",
-    "DependenceMatrix",
-    "EvaluationRole",
-    "Finding",
-    "HyperparameterRow",
-    "LearningCurve",
-    "LearningStep",
-    "Rung",
-    "RungEvaluation",
-    "Score",
-    "ScoreRow",
-    "SensorKind",
-    "StudyResult",
-    "StudySettings",
-    "StudyTables",
-    "TrainedRung",
-]

@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from exposight.observing import ObservationTable
     from exposight.paper.result.settings import SensorKind
 
-__all__ = ["Dataset"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:

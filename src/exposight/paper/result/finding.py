@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from exposight.paper.result.settings import SensorKind
 
-__all__ = ["Finding"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:

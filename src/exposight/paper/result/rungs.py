@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Literal
 from exposight.errors import InputError
 
 if TYPE_CHECKING:
-    from exposight.evaluation import RegressionScore
     from exposight.models import Evaluation, ModelSpecification, TrainedModel
     from exposight.paper.result.settings import SensorKind
+    from exposight.statistics import RegressionScore
 
-__all__ = ["EvaluationRole", "Rung", "RungEvaluation", "Score", "TrainedRung"]
 
 EvaluationRole = Literal["validation", "validation_by_view", "test", "test_inside", "extended"]
 """How evaluation rows relate to those trained on.

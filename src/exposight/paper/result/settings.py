@@ -8,8 +8,6 @@ from typing import Literal
 
 from exposight.errors import InputError
 
-__all__ = ["SENSOR_KINDS", "SensorKind", "StudySettings"]
-
 SensorKind = Literal["structured-light", "stereo"]
 """The paper's two sensors: Zeiss COMET Pro AE, and rc_visard 65 with a dot projector (s2)."""
 

@@ -9,10 +9,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from exposight.evaluation import RegressionScore
     from exposight.paper.result.rungs import EvaluationRole
-
-__all__ = ["DependenceMatrix", "LearningCurve", "LearningStep"]
+    from exposight.statistics import RegressionScore
 
 
 @dataclass(frozen=True, kw_only=True)

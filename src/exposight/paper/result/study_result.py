@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from exposight.paper.result.statistics import DependenceMatrix, LearningCurve
     from exposight.paper.result.table_rows import StudyTables
 
-__all__ = ["StudyResult"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudyResult:

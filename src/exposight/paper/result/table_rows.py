@@ -9,8 +9,6 @@ if TYPE_CHECKING:
     from exposight.paper.result.rungs import EvaluationRole
     from exposight.paper.result.settings import SensorKind
 
-__all__ = ["DatasetRow", "HyperparameterRow", "ScoreRow", "StudyTables"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreRow:

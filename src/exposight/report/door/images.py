@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from exposight.demo import DoorResult, NewView
 
-__all__ = ["close_figure", "frame_figure"]
 
 _FRAME_WIDTH_PX = 1000
 _RING_WIDTH_PX = 9

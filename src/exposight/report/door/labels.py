@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Label", "Ring", "label_places"]
 
 _LETTER_MM = 11.0
 _LINE_MM = 24.0

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from exposight.demo import DoorResult
 
-__all__ = ["door_report"]
 
 _TITLE = "A simulated car door: point-cloud quality and exposure time, predicted"
 _LEAD = "Demonstration of exposight on a car door in a simulated measuring cell."

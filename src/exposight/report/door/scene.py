@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
     from exposight.observing import FeatureView
 
-__all__ = ["door_figure", "ring_mesh"]
 
 _NAME = "door"
 _GREYS = [[0.0, "#5d646c"], [1.0, "#eceef0"]]

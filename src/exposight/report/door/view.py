@@ -16,7 +16,6 @@ from exposight.report.plots import axis, layout, plot
 if TYPE_CHECKING:
     from exposight.demo import DoorResult, NewView
 
-__all__ = ["choice_figure", "forecast_figure", "forecast_table"]
 
 _THIN = "rgba(11, 100, 119, 0.35)"
 _BAR = "rgba(11, 100, 119, 0.45)"

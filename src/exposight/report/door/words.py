@@ -9,7 +9,6 @@ from exposight.report.markup import escape, number
 if TYPE_CHECKING:
     from exposight.demo import DoorResult, NewView
 
-__all__ = ["EXPOSURE_WORDS", "exposure_title", "feature_title"]
 
 EXPOSURE_WORDS = ("shorter", "chosen", "longer")
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from exposight.demo import SkullResult
     from exposight.report.skull.selection import Sample
 
-__all__ = ["cloud_figure"]
 
 _NAME = "cloud"
 _POINTS = 25_000

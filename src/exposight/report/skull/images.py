@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from exposight.demo import SkullResult
 
-__all__ = ["ring_figure", "ring_picture", "sweep_figure"]
 
 _FILL_OPACITY = 0.22
 _EDGE_OPACITY = 0.95

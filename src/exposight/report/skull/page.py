@@ -18,7 +18,6 @@ from exposight.report.tables import hyperparameter_table, score_tables
 if TYPE_CHECKING:
     from exposight.demo import SkullResult
 
-__all__ = ["skull_report"]
 
 _TITLE = "A recorded skull: point-cloud quality and exposure time, predicted"
 _LEAD = "Demonstration of exposight on a structured-light recording of a skull."

@@ -21,15 +21,6 @@ if TYPE_CHECKING:
     from exposight.demo import SkullResult
     from exposight.observing import FeatureView
 
-__all__ = [
-    "Crop",
-    "Sample",
-    "nominal_capture",
-    "object_crop",
-    "ring_values",
-    "sample_cloud",
-    "visible_views",
-]
 
 _MARGIN_PX = 30
 _MARGIN_MM = 15.0

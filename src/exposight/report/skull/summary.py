@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from exposight.demo import SkullResult
 
-__all__ = ["skull_summary"]
-
 
 def skull_summary(result: SkullResult) -> str:
     """Return the summary's cards and sentences."""

@@ -9,8 +9,6 @@ from exposight.report.markup import Heading, count_cell, escape, exact, number, 
 if TYPE_CHECKING:
     from exposight.demo import SkullResult
 
-__all__ = ["decoding_table"]
-
 
 def decoding_table(result: SkullResult) -> str:
     """Return the table of decoded pixels and of the agreement with the authors' cloud."""

@@ -2,5 +2,3 @@
 
 from exposight.report.study.files import StudyFiles, write_study
 from exposight.report.study.page import study_report
-
-__all__ = ["StudyFiles", "study_report", "write_study"]

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from exposight.paper.result import StudyResult
     from exposight.report.study.stills import Still
 
-__all__ = ["DrawnFigure", "drawn_figures", "figure_html"]
 
 _KERNELS = 5
 _SHOWN_SIZE = 0.62

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from exposight.durable import write_durably
+from exposight.files.durable import write_durably
 from exposight.paper.figure_data import study_figures
 from exposight.paper.tables import table_csv
 from exposight.report.study.figures import drawn_figures
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     )
 
     Row = DatasetRow | HyperparameterRow | ScoreRow
-
-__all__ = ["StudyFiles", "write_study"]
 
 
 @dataclass(frozen=True, kw_only=True)

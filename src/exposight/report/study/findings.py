@@ -10,7 +10,6 @@ from exposight.report.study.words import SENSOR_TITLES, prose
 if TYPE_CHECKING:
     from exposight.paper.result import Finding, SensorKind, StudyResult
 
-__all__ = ["findings_html", "findings_told"]
 
 _HEADINGS = (
     Heading(text="holds", is_text=True),

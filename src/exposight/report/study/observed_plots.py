@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         TrainingPositions,
     )
 
-__all__ = ["brightness_plot", "exposure_row_plot", "positions_plot"]
 
 _SYMBOLS_3D = ("circle", "square", "diamond", "cross")  # of the few that plotly has in 3D
 _CAMERA = {

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     )
     from exposight.report.study.stills import Still
 
-__all__ = ["brightness_still", "exposure_row_still", "positions_still"]
 
 _COLUMNS = 2
 

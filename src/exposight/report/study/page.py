@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from exposight.paper.result import StudyResult
     from exposight.report.study.figures import DrawnFigure
 
-__all__ = ["study_report"]
 
 _TITLE = "The paper’s study: point-cloud quality and exposure time, predicted"
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-__all__ = ["FeatureStyle", "PlaceStyle", "feature_order", "feature_style", "place_styles"]
-
 _TRAINING = (
     "#0072b2", "#d55e00", "#009e73", "#aa3377", "#8c6d00", "#332288", "#117a8b", "#882255",
     "#555555",

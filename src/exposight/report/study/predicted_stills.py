@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     )
     from exposight.report.study.stills import Still
 
-__all__ = ["best_and_worst_still", "forecast_still", "kernel_still"]
 
 _BAND: Final[dict[str, Any]] = {"color": ACCENT, "alpha": 0.18, "linewidth": 0}
 

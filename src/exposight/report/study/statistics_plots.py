@@ -16,8 +16,6 @@ from exposight.report.study.statistics_stills import DEPENDENCE_SCALE
 if TYPE_CHECKING:
     from exposight.paper.result import DependenceMatrix, LearningCurve
 
-__all__ = ["dependence_plot", "learning_plot"]
-
 
 def dependence_plot(name: str, data: DependenceMatrix) -> str:
     """Return the matrix of maximal information coefficients with their values."""

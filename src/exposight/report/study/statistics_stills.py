@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from exposight.paper.result import DependenceMatrix, LearningCurve
     from exposight.report.study.stills import Still
 
-__all__ = ["DEPENDENCE_SCALE", "dependence_still", "learning_still"]
 
 DEPENDENCE_SCALE = ("#ffffff", "#cfe3e7", "#7db4bf", "#2f8494", "#0b4957")
 _DARK = 0.55

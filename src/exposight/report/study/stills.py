@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-__all__ = ["Still", "draw_still", "label_panel", "plain_axes"]
 
 _DPI = 200
 _SVG_DPI = 100

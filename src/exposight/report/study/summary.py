@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from exposight.paper.result import EvaluationRole, ScoreRow, StudyResult
 
-__all__ = ["summary_html"]
-
 
 def summary_html(result: StudyResult) -> str:
     """Return cards of key figures, and sentences about them."""

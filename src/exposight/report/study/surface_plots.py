@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from exposight.paper.figure_data import PredictionSurfaces
 
-__all__ = ["surfaces_plot"]
 
 _GAP = 0.06
 

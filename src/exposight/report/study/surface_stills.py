@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from exposight.paper.figure_data import PredictionSurfaces
     from exposight.report.study.stills import Still
 
-__all__ = ["SPREAD_SCALE", "surfaces_still"]
 
 SPREAD_SCALE = ("#f4f6f8", "#d3dae1", "#aab7c4", "#7f90a2", "#586a7d")
 """2σ: the darker the less sure."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         StudyResult,
     )
 
-__all__ = ["dataset_table", "hyperparameter_table", "score_tables"]
 
 _TITLES = {
     2: "Quality models, structured-light sensor",

@@ -11,7 +11,6 @@ from exposight.report.quantities import column_name
 if TYPE_CHECKING:
     from exposight.paper.result import SensorKind, StudyResult
 
-__all__ = ["SENSOR_TITLES", "measured_in", "prose"]
 
 SENSOR_TITLES: dict[SensorKind, str] = {
     "structured-light": "structured-light sensor",

@@ -5,17 +5,3 @@ from exposight.twin.campaign.settings import CellSettings
 from exposight.twin.campaign.simulated_cell import simulate, simulate_observations
 from exposight.twin.campaign.view_captures import OBSERVATIONS_FILE, scene_at
 from exposight.twin.campaign.view_tables import ViewTables, count_views, views_folder
-
-__all__ = [
-    "OBSERVATIONS_FILE",
-    "PLAN_FILE",
-    "RECORD_FILE",
-    "CellSettings",
-    "ViewTables",
-    "count_views",
-    "scene_at",
-    "scene_checksum",
-    "simulate",
-    "simulate_observations",
-    "views_folder",
-]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from exposight.cell.capture_folder import png_bytes
-from exposight.durable import write_durably
+from exposight.files.durable import write_durably
 from exposight.imaging import sequence_to_toml
 from exposight.twin.sensors import LIMITS, STRIPES
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor, Projector
     from exposight.geometry import PinholeCamera
 
-__all__ = ["CALIBRATION_FILE", "FRAME_PATTERN", "SEQUENCE_FILE", "frame_files", "keep_meaning"]
 
 SEQUENCE_FILE, CALIBRATION_FILE = "sequence.toml", "calibration.yml"
 FRAME_PATTERN = "frame-*.png"

@@ -13,19 +13,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from exposight.cell.documents import StrictDocument, sealed_json, sha256_of, unseal_json
-from exposight.durable import write_durably
 from exposight.errors import FileError, InputError
-from exposight.twin.plans import plan_to_toml, read_plan
+from exposight.files.documents import StrictDocument, sealed_json, sha256_of, unseal_json
+from exposight.files.durable import write_durably
+from exposight.plans import plan_to_toml, read_plan
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from exposight.plans import MeasuringPlan
     from exposight.twin.campaign.settings import CellSettings
     from exposight.twin.part import Scene
-    from exposight.twin.plans import MeasuringPlan
 
-__all__ = ["PLAN_FILE", "RECORD_FILE", "check_record", "keep_record", "scene_checksum"]
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "simulation.json"
 

@@ -10,8 +10,6 @@ from exposight.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["CellSettings"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CellSettings:

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey, sensor_preset
-from exposight.durable import write_durably
 from exposight.errors import InputError
+from exposight.files.durable import write_durably
 from exposight.observing import ObservationTable
+from exposight.plans import PlannedView, views
 from exposight.twin.campaign.raw_frames import keep_meaning
 from exposight.twin.campaign.record import keep_record, scene_checksum
 from exposight.twin.campaign.settings import CellSettings
@@ -32,17 +33,15 @@ from exposight.twin.campaign.view_captures import (
     write_view,
 )
 from exposight.twin.campaign.view_tables import ViewTables, check_table_path
-from exposight.twin.plans import PlannedView, views
-from exposight.twin.workers import DaskCluster, LocalProcesses
+from exposight.workers import DaskCluster, LocalProcesses
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+    from exposight.plans import MeasuringPlan
     from exposight.twin.part import Scene
-    from exposight.twin.plans import MeasuringPlan
-    from exposight.twin.workers import Workers
+    from exposight.workers import Workers
 
-__all__ = ["simulate", "simulate_observations"]
 
 Progress = Callable[[int, int], None]
 Stage = Callable[[str], None]

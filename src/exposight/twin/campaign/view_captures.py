@@ -34,20 +34,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.cell import ActiveSensor, Part
+    from exposight.plans import MeasuringPlan, PlannedView
     from exposight.twin.campaign.settings import CellSettings
     from exposight.twin.light import Lighting
     from exposight.twin.part import Scene
-    from exposight.twin.plans import MeasuringPlan, PlannedView
     from exposight.twin.sensors import DotLight, StripeLight
 
-__all__ = [
-    "OBSERVATIONS_FILE",
-    "ViewTask",
-    "is_stereo",
-    "observe_view",
-    "scene_at",
-    "write_view",
-]
 
 OBSERVATIONS_FILE = "observations.csv"
 """Rows of a capture that is kept without its cloud, and of its whole campaign."""

@@ -7,9 +7,9 @@ import shutil
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from exposight.cell.writer_lock import hold_writer_lock
-from exposight.durable import sweep_unfinished, write_durably
 from exposight.errors import FileError, FormatError, MissingFileError
+from exposight.files.durable import sweep_unfinished, write_durably
+from exposight.files.lock import hold_writer_lock
 from exposight.observing import ObservationTable, read_observations
 from exposight.twin.campaign.record import keep_record
 
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from exposight.plans import MeasuringPlan
     from exposight.twin.campaign.settings import CellSettings
     from exposight.twin.part import Scene
-    from exposight.twin.plans import MeasuringPlan
-
-__all__ = ["ViewTables", "check_table_path", "count_views", "views_folder"]
 
 
 _VIEWS = "[0-9]*.csv"

@@ -4,18 +4,3 @@ from exposight.twin.light.optics import AMBIENT_SHARE, CameraLens, Lighting, Pro
 from exposight.twin.light.point_spread import spread_by_lens
 from exposight.twin.light.tracing import MISS_MM, SceneTracer, TracedScene
 from exposight.twin.light.view_light import LightModel, TileLight, ViewLight, trace_view
-
-__all__ = [
-    "AMBIENT_SHARE",
-    "MISS_MM",
-    "CameraLens",
-    "LightModel",
-    "Lighting",
-    "ProjectorLens",
-    "SceneTracer",
-    "TileLight",
-    "TracedScene",
-    "ViewLight",
-    "spread_by_lens",
-    "trace_view",
-]

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from exposight.twin.light.tracing import SceneTracer
     from exposight.twin.part import Finish, Surface
 
-__all__ = ["GRID_PX", "bounce"]
 
 GRID_PX = 4
 """Every how many pixels indirect light is traced: it changes slowly."""

@@ -10,8 +10,6 @@ from typing import Literal
 
 from exposight.errors import SensorError
 
-__all__ = ["AMBIENT_SHARE", "CameraLens", "Lighting", "ProjectorLens"]
-
 Lighting = Literal["I", "II", "III"]
 """Scenarios of Sect. 4.1 of the paper: I closed cell, II its LED on, III cell open to the hall."""
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from exposight.twin.light.view_light import TileLight
 
-__all__ = ["spread_by_lens"]
-
 
 def spread_by_lens(
     planes: NDArray[np.float32], tile: TileLight, spread_px: float

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from exposight.twin.light.tracing import SceneTracer
     from exposight.twin.part import Finish, Surface
 
-__all__ = ["NUDGE_MM", "Lamp", "LitHits", "lamp_of", "light_along_rays"]
 
 NUDGE_MM = 0.02
 """How far a shadow ray starts off the surface: a hundred times Embree's rounding."""

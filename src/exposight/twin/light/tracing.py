@@ -19,7 +19,6 @@ from exposight.twin.part import FINISHES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["MISS_MM", "Hits", "SceneTracer", "TracedScene"]
 
 MISS_MM = 1e30
 """Distances beyond this mean that the ray met nothing: Embree answers 1e37."""

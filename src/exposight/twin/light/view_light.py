@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from exposight.twin.light.shading import Lamp
     from exposight.twin.light.tracing import SceneTracer
 
-__all__ = ["LightModel", "TileLight", "ViewLight", "disjoint_boxes", "trace_view", "whole_frame"]
 
 HALO_PX = 2
 """Pixels traced beyond a box on every side, from which the lens spreads light into it."""

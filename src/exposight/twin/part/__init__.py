@@ -14,34 +14,3 @@ from exposight.twin.part.scene_files import (
 from exposight.twin.part.sheet_mesh import MeshSettings, SheetMesh, mesh_sheet
 from exposight.twin.part.sheet_shape import Hole, SheetShape
 from exposight.twin.part.surfaces import FINISHES, SURFACES, Finish, Surface
-
-__all__ = [
-    "DOOR",
-    "DOOR_MESH",
-    "FEATURES_FILE",
-    "FINISHES",
-    "MESH_FILE",
-    "OUTSIDE_ZONES",
-    "SENSOR_FILE",
-    "SURFACES",
-    "Bead",
-    "Finish",
-    "Hole",
-    "MeshSettings",
-    "Pocket",
-    "Press",
-    "PressProfile",
-    "RingBead",
-    "RoundedPolygon",
-    "Scene",
-    "SheetMesh",
-    "SheetShape",
-    "Surface",
-    "build_door",
-    "check_scene",
-    "door",
-    "door_part",
-    "export_scene",
-    "mesh_sheet",
-    "read_scene",
-]

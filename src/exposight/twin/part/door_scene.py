@@ -18,8 +18,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from exposight.cell import Part
-from exposight.durable import write_durably
 from exposight.errors import FileError
+from exposight.files.durable import write_durably
 from exposight.twin.part.door_shape import DOOR, DOOR_MESH, OUTSIDE_ZONES
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.sheet_mesh import mesh_sheet
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["CACHE_VARIABLE", "build_door", "cache_folder", "door", "door_part"]
 
 logger = logging.getLogger(__name__)
 

@@ -18,7 +18,6 @@ from exposight.twin.part.sheet_shape import Hole, SheetShape
 if TYPE_CHECKING:
     from exposight.twin.part.surfaces import Finish
 
-__all__ = ["DOOR", "DOOR_MESH", "OUTSIDE_ZONES"]
 
 OUTSIDE_ZONES: Final[tuple[tuple[float, Finish], ...]] = (
     (10.0, "primer"),

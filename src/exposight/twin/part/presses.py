@@ -18,8 +18,6 @@ from exposight.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Bead", "Pocket", "Press", "PressProfile", "RingBead", "RoundedPolygon"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class RoundedPolygon:

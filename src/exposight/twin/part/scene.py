@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from exposight.cell import Feature, Part
 
-__all__ = ["Scene", "check_scene"]
 
 _REACH_MM = 5.0
 """A feature's ring ends this far beyond its edge, so there must be mesh at least that near."""

@@ -14,8 +14,8 @@ import numpy as np
 import trimesh
 
 from exposight.cell import Part, read_features, write_features, write_sensor
-from exposight.durable import write_durably
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
+from exposight.files.durable import write_durably
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.surfaces import FINISHES
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from exposight.cell import ActiveSensor
 
-__all__ = ["FEATURES_FILE", "MESH_FILE", "SENSOR_FILE", "export_scene", "read_scene"]
 
 MESH_FILE, FEATURES_FILE, SENSOR_FILE = "door.ply", "features.csv", "sensor.json"
 

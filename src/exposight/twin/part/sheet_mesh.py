@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from exposight.twin.part.sheet_shape import Hole, SheetShape
 
-__all__ = ["MeshSettings", "SheetMesh", "mesh_sheet"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSettings:

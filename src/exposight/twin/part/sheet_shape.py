@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from exposight.twin.part.presses import Press, RoundedPolygon
 
-__all__ = ["Hole", "SheetShape"]
 
 Side = Literal["inside", "outside"]
 

@@ -27,8 +27,6 @@ from exposight.errors import InputError
 from exposight.twin.random_numbers import mix_bits, stream_key
 from exposight.twin.vectors import Vector, dot, tangents, unit
 
-__all__ = ["FINISHES", "SURFACES", "Finish", "Surface", "grain", "reflectance", "surface_table"]
-
 Finish = Literal["bare", "primer", "paint", "brushed"]
 FINISHES: tuple[Finish, ...] = ("bare", "primer", "paint", "brushed")
 """Finishes in the order of a scene's `face_finish`."""

@@ -5,18 +5,3 @@ from exposight.twin.sensors.dots import DotPattern
 from exposight.twin.sensors.exposure import CameraElectronics, expose
 from exposight.twin.sensors.stripes import StripeLight
 from exposight.twin.sensors.structured_light import LIMITS, STRIPES, StripeSensor, ring_boxes
-
-__all__ = [
-    "DOT_ELECTRONICS",
-    "DOT_LIGHT",
-    "LIMITS",
-    "STRIPES",
-    "CameraElectronics",
-    "DotLight",
-    "DotPattern",
-    "DotSensor",
-    "StripeLight",
-    "StripeSensor",
-    "expose",
-    "ring_boxes",
-]

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
     from exposight.twin.light import SceneTracer
 
-__all__ = ["DOT_ELECTRONICS", "DOT_LIGHT", "MATCHED_MM", "DotLight", "DotSensor"]
 
 DOT_LIGHT = LightModel(
     # Roboception: the RandomDot's lens has 12 mm, f/1.4. Fully open it would blur the dots away at

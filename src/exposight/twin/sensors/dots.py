@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from exposight.twin.light import ViewLight
 
-__all__ = ["BLURS_PX", "DotPattern", "dot_radiance", "render_dots"]
 
 BLURS_PX = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Blurs at which the pattern is kept, in projector px. Others are taken as the nearest of these:

@@ -27,7 +27,6 @@ from exposight.twin.random_numbers import NORMAL_BITS, NORMAL_TABLE, mix_bits, s
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["CameraElectronics", "expose", "grey_value", "normals_of", "pixel_gain"]
 
 FRAMES_PER_DRAW = 4
 """Frames whose noise comes from one 64-bit draw: as many as a fringe has steps."""

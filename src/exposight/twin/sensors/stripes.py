@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from exposight.twin.light import TileLight, ViewLight
     from exposight.twin.sensors.exposure import CameraElectronics
 
-__all__ = ["StripeLight", "StripeTile", "expose_stripes", "stripe_light"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StripeTile:

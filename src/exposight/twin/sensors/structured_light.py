@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
     from exposight.twin.light import SceneTracer
 
-__all__ = ["LIMITS", "STRIPES", "StripeSensor", "ring_boxes"]
 
 STRIPES = PatternSequence(
     name="1, 8 and 64 stripes, four steps each",

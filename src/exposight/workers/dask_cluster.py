@@ -1,0 +1,228 @@
+"""Tasks of a simulation done by the workers of a Dask scheduler (extra ``cluster``)."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import threading
+import uuid
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+from urllib.parse import urlsplit
+
+import numba
+
+from exposight import __version__
+from exposight.errors import InputError, NumericalError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator, Sequence
+    from types import ModuleType
+
+
+_WAKE_S = 2.0
+"""How often to look whether anybody is left to do the tasks."""
+
+_SCHEMES = {"tcp", "tls", "ucx", "ws", "wss"}
+
+_GOES_ON = "what was captured is kept: run again to go on"
+
+_ONE_AT_A_TIME = threading.Lock()
+"""A Dask worker may have several threads; one view fills a core and a gigabyte by itself."""
+
+_Task = TypeVar("_Task")
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class DaskCluster:
+    """The workers of a Dask scheduler.
+
+    A worker that dies costs nothing: its task is done again by another. Processes do one task at
+    a time, however many threads they have.
+
+    Parameters
+    ----------
+    address : str
+        The scheduler's, as ``tcp://host:8786``.
+    patience_s : float, s
+        How long to wait for a first worker, and for one to come back when all are gone; a third of
+        it for the scheduler.
+    """
+
+    address: str
+    patience_s: float = 30.0
+
+    def run(
+        self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
+    ) -> Generator[tuple[_Task, _Result]]:
+        """Do tasks and yield them with their results as they are done (`Workers`).
+
+        Raises
+        ------
+        InputError
+            If Dask is not installed, there is no scheduler at the address, no worker comes, or one
+            has another version of exposight.
+        NumericalError
+            If workers die over a task again and again, or all of them or the scheduler are lost.
+        """
+        if not tasks:
+            return
+        dask = _import_distributed()
+        with _quiet(), self._client(dask) as client:
+            self._wait_for_workers(client)
+            run = uuid.uuid4().hex
+            futures = {
+                client.submit(
+                    do_alone,
+                    __version__,
+                    pickle.dumps((work, task)),  # as bytes: nobody looks for tasks in it
+                    key=f"exposight-{run}-{number}",
+                    pure=False,
+                ): task
+                for number, task in enumerate(tasks)
+            }
+            try:
+                with self._told(dask):
+                    while futures:
+                        for future in self._next_done(dask, client, list(futures)):
+                            result = future.result()
+                            yield futures.pop(future), result
+            finally:
+                with suppress(Exception):  # whatever ended this matters more
+                    client.cancel(list(futures), force=True)
+
+    @contextmanager
+    def _client(self, dask: ModuleType) -> Iterator[Any]:
+        try:
+            self._check_address()  # before Dask does, whose clients linger where it is wrong
+            client = dask.Client(self.address, timeout=self.patience_s / 3, set_as_default=False)
+        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+            msg = (
+                f"no Dask scheduler answers at {self.address!r} ({_first_line(error)}); expected "
+                "an address as tcp://host:8786, start one there with: dask scheduler"
+            )
+            raise InputError(msg) from error
+        try:
+            yield client
+        finally:
+            with suppress(TimeoutError):  # where the scheduler is lost
+                client.close(timeout=_WAKE_S)
+
+    def _check_address(self) -> None:
+        parts = urlsplit(self.address)
+        if parts.scheme not in _SCHEMES or not parts.hostname or parts.port is None:
+            msg = "not an address"
+            raise ValueError(msg)
+
+    def _wait_for_workers(self, client: Any) -> None:
+        try:
+            client.wait_for_workers(1, timeout=self.patience_s)
+        except TimeoutError as error:
+            msg = (
+                f"the Dask scheduler at {self.address} has no worker, and none came in "
+                f"{self.patience_s:g} s; start some with: dask worker {self.address} --nthreads 1"
+            )
+            raise InputError(msg) from error
+
+    def _next_done(self, dask: ModuleType, client: Any, futures: list[Any]) -> list[Any]:
+        """Return futures that are done, at least one."""
+        alone_s = 0.0
+        while alone_s < self.patience_s:
+            try:
+                with client.as_current():
+                    done = dask.wait(futures, _WAKE_S, return_when="FIRST_COMPLETED").done
+                return [future for future in futures if future in done]  # in their order
+            except TimeoutError:
+                alone_s = 0.0 if client.nthreads() else alone_s + _WAKE_S
+        msg = f"no worker is left at the Dask scheduler {self.address}; {_GOES_ON}"
+        raise NumericalError(msg)
+
+    @contextmanager
+    def _told(self, dask: ModuleType) -> Iterator[None]:
+        """Tell failures of the cluster in our words; the tasks' own pass."""
+        try:
+            yield
+        except dask.KilledWorker as error:
+            msg = (
+                f"workers of the Dask scheduler {self.address} died over the same task again and "
+                f"again (out of memory?); {_GOES_ON}, with more memory for each worker"
+            )
+            raise NumericalError(msg) from error
+        except (CancelledError, OSError) as error:
+            msg = (
+                f"the Dask scheduler at {self.address} was lost ({_first_line(error)}); {_GOES_ON}"
+            )
+            raise NumericalError(msg) from error
+        except ImportError as error:
+            msg = (
+                f"a worker of the Dask scheduler {self.address} cannot do the task ({error}); "
+                f"every worker needs exposight {__version__}"
+            )
+            raise InputError(msg) from error
+
+
+def do_alone(version: str, pickled: bytes) -> object:
+    """Do a pickled task in a Dask worker, alone in its process.
+
+    Parameters
+    ----------
+    version : str
+        Of exposight where the task comes from.
+    pickled : bytes
+        What to do and with what.
+
+    Raises
+    ------
+    InputError
+        If another version of exposight is installed here.
+    """
+    from distributed import get_worker
+
+    if version != __version__:
+        msg = (
+            f"the Dask worker {get_worker().address} has exposight {__version__}, this is "
+            f"{version}; install the same version everywhere"
+        )
+        raise InputError(msg)
+    with _ONE_AT_A_TIME:
+        numba.set_num_threads(1)  # its siblings have the other cores; holds for this thread only
+        work, task = pickle.loads(pickled)
+        return work(task)
+
+
+def _import_distributed() -> ModuleType:
+    try:
+        import distributed
+    except ImportError as error:
+        msg = (
+            f"a cluster needs Dask, which is not installed ({error}); install it with: "
+            "pip install 'exposight[cluster]'"
+        )
+        raise InputError(msg) from error
+    return distributed
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's own log off the terminal: what matters is raised."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    loggers += [
+        logger
+        for name, logger in logging.root.manager.loggerDict.items()
+        if isinstance(logger, logging.Logger) and name.startswith("distributed.")
+    ]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,80 @@
+"""Faults of documents are told in words of the file, never in those of a library."""
+
+import json
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Discriminator, Field, Tag
+
+from exposight.errors import FormatError
+from exposight.files.documents import StrictDocument, validate
+
+
+class Steps(StrictDocument):
+    count: Annotated[int, Field(ge=2, le=9)]
+
+
+def written_as(value):
+    return "steps" if isinstance(value, dict) else "list"
+
+
+class Plane(StrictDocument):
+    depth_mm: Annotated[float, Field(gt=0, lt=1000)] = 1.0
+    x_mm: Annotated[
+        Annotated[tuple[float, ...], Tag("list"), Field(min_length=1, max_length=3)]
+        | Annotated[Steps, Tag("steps")],
+        Discriminator(written_as),
+    ] = (0.0,)
+
+
+class Document(StrictDocument):
+    name: str = ""
+    side: Literal["inside", "outside"] = "inside"
+    closed: bool = True
+    checksum: Annotated[str, Field(pattern="^[0-9a-f]{4}$")] = "0000"
+    planes: tuple[Plane, ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        ({"name": 7}, "key 'name': expected a text, got 7"),
+        ({"name": None}, "key 'name': expected a text, got null"),
+        ({"side": "left"}, "key 'side': expected 'inside' or 'outside', got \"left\""),
+        ({"closed": 1}, "key 'closed': expected true or false, got 1"),
+        ({"checksum": "xyz"}, "key 'checksum': expected a text of the form ^[0-9a-f]{4}$"),
+        ({"planes": 3}, "key 'planes': expected a list, got 3"),
+        ({"planes": [7]}, "key 'planes[0]': expected keys with values, got 7"),
+        ({"planes": [{}, {"x": 1}]}, "key 'planes[1].x' is unknown"),
+        ({"planes": [{"depth_mm": 0}]}, "'planes[0].depth_mm': expected a number above 0, got 0"),
+        ({"planes": [{"depth_mm": 1e3}]}, "expected a number below 1000, got 1000.0"),
+        ({"planes": [{"depth_mm": float("nan")}]}, "expected a finite number, got NaN"),
+        (
+            {"planes": [{"depth_mm": "5"}]},
+            'expected a number, got the text "5"; leave out the quotation marks',
+        ),
+        ({"planes": [{"depth_mm": "deep"}]}, 'expected a number, got "deep"'),
+        ({"planes": [{"x_mm": [1, 2, "c"]}]}, "'planes[0].x_mm[2]': expected a number, got \"c\""),
+        ({"planes": [{"x_mm": []}]}, "'planes[0].x_mm': expected 1 or more entries, got 0"),
+        ({"planes": [{"x_mm": [1] * 4}]}, "'planes[0].x_mm': expected up to 3 entries, got 4"),
+        ({"planes": [{"x_mm": {}}]}, "key 'planes[0].x_mm.count' is missing"),
+        ({"planes": [{"x_mm": {"count": 1}}]}, ".x_mm.count': expected a number from 2 up, got 1"),
+        ({"planes": [{"x_mm": {"count": 10}}]}, "expected a number up to 9, got 10"),
+        ({"planes": [{"x_mm": {"count": 2.5}}]}, "expected a whole number, got 2.5"),
+        ({"name": ["long"] * 99}, 'expected a text, got ["long", "long"'),
+        ({"colour": 1, "side": 2}, "'inside' or 'outside', got 2; key 'colour' is unknown"),
+    ],
+)
+def test_a_fault_names_key_expectation_and_value(written, message):
+    with pytest.raises(FormatError) as caught:
+        validate(Document, json.dumps(written), "plan.toml")
+    told = str(caught.value)
+    assert told.startswith("plan.toml: key '")
+    assert message in told
+    assert "Input" not in told
+    assert len(told) < 200
+
+
+def test_what_is_nested_too_deeply_is_refused():
+    with pytest.raises(FormatError, match=r"^plan\.toml: it cannot be read"):
+        validate(Document, '{"name": ' + "[" * 500 + "]" * 500 + "}", "plan.toml")
