@@ -17,12 +17,12 @@ from exposight.demo import (
     SequenceCheck,
     SkullResult,
     SkullSettings,
-    forecast_view,
 )
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
 from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
+from exposight.planning import forecast_view
 from exposight.report.door import door_report
 from exposight.report.skull import skull_report
 from exposight.statistics import score

@@ -3,7 +3,6 @@
 import pytest
 
 from exposight.report.markup import model_name
-from exposight.report.quantities import axis_math, axis_title, column_math, column_name
 from exposight.report.study.palette import feature_style, place_styles
 from exposight.report.study.words import prose
 
@@ -45,11 +44,3 @@ def test_places_of_one_feature_are_told_by_line_and_shade():
 )
 def test_findings_are_set_with_the_pages_letters(text, shown):
     assert prose(text) == shown
-
-
-def test_pictures_and_pages_name_a_column_alike():
-    assert column_name("i_avg") == "<i>i</i><sub>avg</sub>"
-    assert column_math("i_avg") == r"$i_\mathrm{avg}$"
-    assert axis_title("exposure_ms").endswith(" (ms)")
-    assert axis_math("exposure_ms").endswith(" (ms)")
-    assert column_name("other<") == "other&lt;"

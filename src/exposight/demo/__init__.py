@@ -9,7 +9,6 @@ from exposight.demo.door import (
     run_door,
 )
 from exposight.demo.door_picture import DoorMesh
-from exposight.demo.forecast import WANTED_I_AVG, Forecast, forecast_view
 from exposight.demo.recording import (
     DATA_VARIABLE,
     NOMINAL_EXPOSURE_MS,

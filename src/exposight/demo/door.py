@@ -15,12 +15,12 @@ import numpy as np
 
 from exposight.cell import Capture, write_features
 from exposight.demo.door_picture import DoorMesh, door_mesh, field_of_view_mm
-from exposight.demo.forecast import Forecast, forecast_view
 from exposight.demo.result import DemoResult, DemoSettings
 from exposight.demo.training import Lesson, Progress, make_folder, silent, train_models
 from exposight.errors import InputError
 from exposight.models import ModelSpecification, model_named
 from exposight.observing import FeatureView, Visibility, observe_campaign, view_features
+from exposight.planning import Forecast, forecast_view
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan, logarithmic_exposures, views
 from exposight.statistics import RegressionScore, score
 from exposight.twin.campaign import CellSettings, scene_at, simulate

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from exposight.quantities import QUANTITIES
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -15,14 +17,8 @@ if TYPE_CHECKING:
 Target = Literal["p_norm", "exposure_ms"]
 
 UNITS = {
-    "p_norm": "1",
-    "exposure_ms": "ms",
-    "i_avg": "grey level 0–255",
-    "x_mm": "mm",
-    "y_mm": "mm",
-    "z_mm": "mm",
-    "w_deg": "°",
-    "p_deg": "°",
+    name: QUANTITIES[name].unit
+    for name in ("p_norm", "exposure_ms", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 }
 """Unit of every variable that the paper's models read or predict (Table 1)."""
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plotly.graph_objects as go
 
-from exposight.demo import EXPOSURE_MODEL, QUALITY_MODEL, WANTED_I_AVG
+from exposight.demo import EXPOSURE_MODEL, QUALITY_MODEL
+from exposight.planning import WANTED_I_AVG
 from exposight.report.colours import ACCENT, INK, MUTED
 from exposight.report.door.words import EXPOSURE_WORDS, exposure_title, feature_title
 from exposight.report.markup import Heading, escape, exact, figure, fixed, model_name, number, table

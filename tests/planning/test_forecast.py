@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from exposight.cell import Feature, Part, sensor_preset
-from exposight.demo import WANTED_I_AVG, Forecast, forecast_view
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.models import ModelPrediction, model_named
 from exposight.observing import view_features
+from exposight.planning import WANTED_I_AVG, Forecast, forecast_view
 
 SENSOR = sensor_preset("comet-pro-ae")
 TIMES_MS = (5.0, 10.0, 20.0, 40.0)

@@ -1,0 +1,150 @@
+"""One catalogue of the quantities that the program measures and predicts, by column name.
+
+Symbols, units, decimals and full scales of tables, pages, pictures and the command line come from
+here; nothing else lists them.
+"""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """How a measured or predicted quantity is written.
+
+    Parameters
+    ----------
+    symbol : str
+        The paper's letter, and after an underscore what stands below it: ``p_norm``.
+    name : str
+        In words, in lower case.
+    unit : str
+        On an axis, ``"1"`` for pure numbers.
+    digits : int
+        Decimals in tables.
+    low, high : float or None
+        Full scale in that unit; None where there is no limit.
+    suffix : str
+        Unit after a single value; empty where it goes without.
+    error_unit : str
+        Unit in which errors are given.
+    error_factor : float
+        From the quantity's unit to that of its errors: errors of p_norm are percent of full scale.
+    """
+
+    symbol: str
+    name: str
+    unit: str
+    digits: int
+    low: float | None = None
+    high: float | None = None
+    suffix: str
+    error_unit: str
+    error_factor: float = 1.0
+
+    @property
+    def html(self) -> str:
+        """Symbol in HTML that plotly's texts take, too: letters italic, words below them not."""
+        letter, _, index = self.symbol.partition("_")
+        below = f"<sub>{html.escape(index)}</sub>" if index else ""
+        return f"<i>{html.escape(letter)}</i>{below}"
+
+    @property
+    def math(self) -> str:
+        """Symbol for pictures drawn by matplotlib, written by ISO 80000-1."""
+        letter, _, index = self.symbol.partition("_")
+        return f"${letter}_\\mathrm{{{index}}}$" if index else f"${letter}$"
+
+    @property
+    def axis_html(self) -> str:
+        """Title of an axis: the symbol, in brackets its unit; HTML."""
+        return f"{self.html} ({self.unit})"
+
+    @property
+    def axis_math(self) -> str:
+        """Title of an axis of a picture drawn by matplotlib."""
+        return f"{self.math} ({self.unit})"
+
+    @property
+    def squared_unit(self) -> str:
+        """Unit of a variance; empty for pure numbers."""
+        return f"{self.suffix}²" if self.suffix else ""
+
+
+def _share(symbol: str, name: str) -> Quantity:
+    return Quantity(
+        symbol=symbol, name=name, unit="1", digits=2, low=0.0, high=1.0, suffix="",
+        error_unit="%", error_factor=100.0,
+    )  # fmt: skip
+
+
+def _grey(symbol: str, name: str) -> Quantity:
+    return Quantity(
+        symbol=symbol, name=name, unit="grey level 0–255", digits=1, low=0.0, high=255.0,
+        suffix="grey levels", error_unit="grey levels",
+    )  # fmt: skip
+
+
+def _length(symbol: str, name: str, low: float | None = None) -> Quantity:
+    return Quantity(
+        symbol=symbol, name=name, unit="mm", digits=1, low=low, suffix="mm", error_unit="mm"
+    )
+
+
+def _angle(symbol: str, name: str, high: float = 180.0) -> Quantity:
+    return Quantity(
+        symbol=symbol, name=name, unit="°", digits=1, low=-high, high=high, suffix="°",
+        error_unit="°",
+    )  # fmt: skip
+
+
+def _count(symbol: str, name: str) -> Quantity:
+    return Quantity(symbol=symbol, name=name, unit="1", digits=0, low=0.0, suffix="", error_unit="")
+
+
+QUANTITIES = {
+    "p_norm": _share("p_norm", "point-cloud quality"),
+    "exposure_ms": Quantity(
+        symbol="t_exp", name="exposure time", unit="ms", digits=2, low=0.0, suffix="ms",
+        error_unit="ms",
+    ),
+    "i_avg": _grey("i_avg", "mean brightness of the ring"),
+    "x_mm": _length("x_tcp", "position along x"),
+    "y_mm": _length("y_tcp", "position along y"),
+    "z_mm": _length("z_tcp", "position along z"),
+    "w_deg": _angle("w_tcp", "rotation about x"),
+    "p_deg": _angle("p_tcp", "rotation about y"),
+    "r_deg": _angle("r_tcp", "rotation about z"),
+    "radius_mm": _length("r_f", "radius of the feature", low=0.0),
+    "n_points": _count("n_pts", "points in the hollow cylinder"),
+    "n_pixels": _count("n_px", "pixels of the ring"),
+    "i_std": _grey("i_std", "standard deviation of the ring's brightness"),
+    "i_median": _grey("i_med", "median brightness of the ring"),
+    "i_p05": _grey("i_05", "5th percentile of the ring's brightness"),
+    "i_p95": _grey("i_95", "95th percentile of the ring's brightness"),
+    "clipped_share": _share("s_clip", "share of the ring's pixels at full scale"),
+    "incidence_deg": _angle("θ", "angle between ray and surface normal", high=90.0),
+}  # fmt: skip
+"""Every numeric column of an observation table."""
+
+_SUFFIXES = {"ms": "ms", "mm": "mm", "deg": "°"}
+
+
+def quantity(column: str) -> Quantity:
+    """Return a column's quantity; one that is not in the catalogue is written as it is called.
+
+    Parameters
+    ----------
+    column : str
+        Its name; the unit of an unknown one follows from its end: ``_ms``, ``_mm`` or ``_deg``.
+    """
+    if column in QUANTITIES:
+        return QUANTITIES[column]
+    words, _, end = column.rpartition("_")
+    unit = _SUFFIXES.get(end, "") if words else ""
+    name = (words if unit else column).replace("_", " ")
+    return Quantity(
+        symbol=name, name=name, unit=unit or "1", digits=2, suffix=unit, error_unit=unit
+    )
