@@ -1,0 +1,151 @@
+"""Tables: a frame and its columns, from which terminal, page and CSV file follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+NO_VALUE = "–"
+
+_SHOWN = {"p_norm": (100.0, "%"), "exposure_ms": (1.0, "ms")}
+"""Scale and unit that errors of a quantity are shown in: p_norm's in % of full scale (Table 2)."""
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Format a number with that many significant digits, without an exponent where it can be.
+
+    None and NaN are a dash.
+    """
+    if value is None or math.isnan(value):
+        return NO_VALUE
+    if value and not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    spelled = f"{value:.{digits}g}"
+    return (f"{value:.0f}" if "e" in spelled else spelled).replace("-", "−")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Format a number with that many decimals; None and NaN are a dash."""
+    if value is None or math.isnan(value):
+        return NO_VALUE
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def count(value: int) -> str:
+    """Format a whole number with blanks between its thousands, as the field's papers do."""
+    return f"{value:,}".replace(",", " ")
+
+
+def counted(value: int, noun: str) -> str:
+    """Format a number of things: "1 row", "20 rows"."""
+    return f"{count(value)} {noun}{'' if value == 1 else 's'}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """How a column of a frame is shown.
+
+    Parameters
+    ----------
+    name : str
+        In the frame, and in CSV and JSON.
+    label : str
+        Heading, which may have several lines; the name by default.
+    digits : int
+        Significant digits of numbers.
+    decimals : int, optional
+        Decimals of numbers, in place of significant digits.
+    scale : float
+        Numbers are shown times this: 100 for a share in percent.
+    quantity : str
+        Column of the frame that says which quantity each row's value is of, such as ``p_norm``; the
+        value is then shown in that quantity's scale, with its unit.
+    wraps : bool
+        Whether long text may be broken into several lines.
+    """
+
+    name: str
+    label: str = ""
+    digits: int = 4
+    decimals: int | None = None
+    scale: float = 1.0
+    quantity: str = ""
+    wraps: bool = False
+
+    def cell(self, row: Mapping[str, Any]) -> str:
+        """Return the value that a row has in this column, as people read it."""
+        scale, unit = _SHOWN.get(row[self.quantity], (1.0, "")) if self.quantity else (1.0, "")
+        text = self._text(row[self.name], self.scale * scale)
+        return f"{text} {unit}" if unit and text != NO_VALUE else text
+
+    def _text(self, value: Any, scale: float) -> str:
+        match value:
+            case None:
+                return NO_VALUE
+            case bool():
+                return "yes" if value else "no"
+            case int() if scale == 1.0 and self.decimals is None:
+                return count(value)
+            case int() | float():
+                if self.decimals is None:
+                    return number(scale * value, self.digits)
+                return fixed(scale * value, self.decimals)
+            case list() | tuple():
+                return ", ".join(self._text(item, scale) for item in value)
+        return str(value)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """A frame and how it is shown.
+
+    Parameters
+    ----------
+    name : str
+        Its key in JSON, its id on a page, its file's name as CSV.
+    frame : polars.DataFrame
+        One row for each line. May have more columns than are shown.
+    columns : tuple of Column
+        What is shown, in this order; the first column names the row.
+    title : str
+        Stands above the table.
+    """
+
+    name: str
+    frame: pl.DataFrame
+    columns: tuple[Column, ...]
+    title: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        rows: Iterable[Mapping[str, Any]],
+        columns: tuple[Column, ...],
+        *,
+        title: str = "",
+    ) -> Table:
+        """Make a table of rows that map columns to values."""
+        frame = pl.DataFrame(list(rows), infer_schema_length=None)
+        return cls(name=name, frame=frame, columns=columns, title=title)
+
+    def is_text(self, column: Column) -> bool:
+        """Return whether a column holds words, which are aligned left."""
+        return not self.frame[column.name].dtype.is_numeric()
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """Return every row's cells as people read them."""
+        return [
+            tuple(column.cell(row) for column in self.columns)
+            for row in self.frame.iter_rows(named=True)
+        ]
+
+    def csv(self) -> bytes:
+        """Return the shown columns as a CSV file, with all digits."""
+        return self.frame.select([column.name for column in self.columns]).write_csv().encode()
