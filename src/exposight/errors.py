@@ -19,6 +19,14 @@ Every message says what was expected, what came, and what to do about it. ::
         └── NotPositiveDefiniteError   a covariance matrix has no Cholesky factor
 """
 
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 
 class ExposightError(Exception):
     """Base of everything exposight raises on purpose."""
@@ -78,3 +86,10 @@ class NumericalError(ExposightError):
 
 class NotPositiveDefiniteError(NumericalError):
     """A covariance matrix has no Cholesky factor, even with the largest allowed jitter."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the known name most like this one, or an empty text."""
+    by_lower_case = {each.lower(): each for each in known}
+    close = get_close_matches(name.lower(), by_lower_case, n=1)
+    return f"; did you mean {by_lower_case[close[0]]!r}?" if close else ""

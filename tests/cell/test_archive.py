@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from exposight.cell import (
-    Campaign,
     CampaignFolder,
     CampaignWriter,
+    CaptureSource,
     Cloud,
     Feature,
     Part,
@@ -102,14 +102,17 @@ def test_a_capture_without_its_cloud_comes_back_without(tmp_path, sensor, part, 
         read.require_cloud()
 
 
-def test_further_files_lie_beside_a_capture(folder, make_capture):
-    write_numbered_capture(folder, 7, make_capture(5.0), {"b.txt": b"B", "a.txt": b"A"})
+def test_attachments_are_kept_and_read_when_they_are_looked_up(folder, make_capture):
+    files = {"a.txt": b"A", "b.txt": b"B"}
+    write_numbered_capture(folder, 7, replace(make_capture(5.0), attachments=files))
     campaign = CampaignFolder(folder)
-    assert campaign.beside(7) == {"a.txt": b"A", "b.txt": b"B"}
-    assert campaign.beside(0) == {}
+    assert campaign.attachments(7) == files
+    assert campaign.attachments(0) == {}
     (folder / "captures" / "000007" / "a.txt").write_bytes(b"C")
+    *_, capture = campaign.captures()
+    assert capture.attachments["b.txt"] == b"B"
     with pytest.raises(DamagedFileError, match=r"a\.txt is damaged"):
-        campaign.beside(7)
+        capture.attachments["a.txt"]
 
 
 def test_two_writers_of_the_same_capture_both_end_well(folder, make_capture):
@@ -126,7 +129,7 @@ def test_another_capture_of_the_same_number_is_refused(folder, make_capture):
 
 
 def test_name_sensor_and_part_are_kept(folder, sensor, part):
-    campaign: Campaign = CampaignFolder(folder)
+    campaign: CaptureSource = CampaignFolder(folder)
     assert campaign.name == "door"
     assert len(campaign) == 3
     assert campaign.sensor.cameras == sensor.cameras

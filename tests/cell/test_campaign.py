@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exposight.cell import Campaign, MemoryCampaign
+from exposight.cell import CaptureSource, MemoryCampaign
 from exposight.errors import ImageError, InputError
 
 
@@ -21,7 +21,7 @@ def test_captures_come_in_the_order_they_were_given_every_time(campaign):
 
 
 def test_a_campaign_in_memory_is_a_campaign(campaign):
-    def name_of(some: Campaign) -> str:
+    def name_of(some: CaptureSource) -> str:
         return some.name
 
     assert name_of(campaign) == "door"

@@ -63,6 +63,12 @@ def test_a_view_needs_a_name(make_capture):
         replace(make_capture(), view="")
 
 
+@pytest.mark.parametrize("name", ["../a.txt", "", ".hidden", "image.png"])
+def test_an_attachment_needs_a_name_of_its_own(make_capture, name):
+    with pytest.raises(InputError, match="an attachment needs the name of a file"):
+        replace(make_capture(), attachments={name: b""})
+
+
 def test_a_capture_of_the_sensor_fits(make_capture, sensor):
     make_capture().check_fits(sensor)
 

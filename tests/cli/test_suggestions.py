@@ -2,23 +2,6 @@
 
 import pytest
 
-from exposight.cli.suggestions import suggestion
-
-SENSORS = ("comet-pro-ae", "rc-visard-65")
-
-
-@pytest.mark.parametrize("typed", ["comet-pro", "comet_pro_ae", "COMET-PRO-AE", "commet-pro-ae"])
-def test_a_name_that_is_nearly_right(typed):
-    assert suggestion(typed, SENSORS) == "; did you mean 'comet-pro-ae'?"
-
-
-def test_a_name_like_none():
-    assert suggestion("kinect", SENSORS) == ""
-
-
-def test_no_names_at_all():
-    assert suggestion("kinect", ()) == ""
-
 
 @pytest.mark.parametrize(
     ("words", "meant"),

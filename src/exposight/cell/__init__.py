@@ -1,10 +1,11 @@
 """The words of a measuring cell: features, parts, sensors, clouds, captures, campaigns, files."""
 
 from exposight.cell.archive import CampaignFolder, CampaignWriter, write_numbered_capture
-from exposight.cell.campaign import Campaign, MemoryCampaign
+from exposight.cell.campaign import CaptureSource, MemoryCampaign
 from exposight.cell.capture import Capture, CaptureKey, check_image
 from exposight.cell.cloud import Cloud, check_points
 from exposight.cell.cloud_files import CLOUD_SUFFIXES, read_cloud, write_cloud
+from exposight.cell.driver import Driver
 from exposight.cell.feature_files import read_features, write_features
 from exposight.cell.kinds import PAPER_TOLERANCE, RULES, FeatureKind, RingTolerance
 from exposight.cell.part import Feature, Part

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import weakref
-from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -22,7 +20,7 @@ from exposight.cell.campaign import check_new_key
 from exposight.cell.capture import Capture, CaptureKey
 from exposight.cell.capture_folder import (
     check_sha256,
-    read_beside,
+    read_attachments,
     read_bytes,
     read_capture,
     read_key,
@@ -35,6 +33,12 @@ from exposight.errors import FileError, FormatError, InputError, MissingFileErro
 from exposight.files.documents import StrictDocument, sealed_json, sha256_of, unseal_json
 from exposight.files.durable import is_unfinished, sweep_unfinished, write_durably
 from exposight.files.lock import WRITER_LOCK, hold_writer_lock
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from filelock import BaseFileLock
+
 
 CAMPAIGN_FORMAT = "exposight campaign"
 CAMPAIGN_VERSION = 1
@@ -127,8 +131,8 @@ class CampaignFolder:
         for number in self.numbers:
             yield read_capture(_capture_path(self.path, number))
 
-    def beside(self, number: int) -> dict[str, bytes]:
-        """Return the contents of further files that lie beside a capture's image and cloud.
+    def attachments(self, number: int) -> Mapping[str, bytes]:
+        """Return a capture's attachments without reading its image and cloud.
 
         Parameters
         ----------
@@ -137,15 +141,15 @@ class CampaignFolder:
 
         Returns
         -------
-        dict of str to bytes
-            By name, sorted.
+        mapping of str to bytes
+            Contents by name; each is read and verified when it is looked up.
 
         Raises
         ------
         MissingFileError, DamagedFileError, FormatError, VersionError
             If one of them cannot be read; the message names the file.
         """
-        return read_beside(_capture_path(self.path, number))
+        return read_attachments(_capture_path(self.path, number))
 
     def keys(self) -> tuple[CaptureKey, ...]:
         """Return the view and exposure time of every capture, in the order they were taken."""
@@ -159,11 +163,11 @@ class CampaignWriter:
     in; a killed writer lets go by itself.
     """
 
-    def __init__(self, campaign: CampaignFolder, lock: int) -> None:
+    def __init__(self, campaign: CampaignFolder, lock: BaseFileLock) -> None:
         self._campaign = campaign
         self._keys = list(campaign.keys())
         self._next = 1 + max(campaign.numbers, default=-1)
-        self._release = weakref.finalize(self, os.close, lock)
+        self._release = weakref.finalize(self, lock.release)
 
     @classmethod
     def open_or_create(
@@ -204,7 +208,7 @@ class CampaignWriter:
             _check_same(campaign, name, sensor, part)
             return cls(campaign, lock)
         except BaseException:
-            os.close(lock)
+            lock.release()
             raise
 
     @property
@@ -256,9 +260,7 @@ class CampaignWriter:
         self.close()
 
 
-def write_numbered_capture(
-    campaign: Path, number: int, capture: Capture, beside: Mapping[str, bytes] | None = None
-) -> None:
+def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
     """Write a capture under a number of its own, on behalf of a campaign's open writer.
 
     For the worker processes of a program that holds the campaign's `CampaignWriter`: it keeps
@@ -273,8 +275,6 @@ def write_numbered_capture(
         Where in the campaign's order the capture stands.
     capture : Capture
         Checked against the sensor by the caller (`Capture.check_fits`).
-    beside : mapping of str to bytes, optional
-        Names and contents of further files to keep with it.
 
     Raises
     ------
@@ -285,7 +285,7 @@ def write_numbered_capture(
     if _holds(path, capture.key):
         return
     try:
-        write_capture(path, capture, beside)
+        write_capture(path, capture)
     except FileError:
         if not _holds(path, capture.key):  # else somebody was quicker
             raise

@@ -11,8 +11,8 @@ from exposight.cell.sensor import ActiveSensor
 from exposight.errors import InputError
 
 
-class Campaign(Protocol):
-    """All captures of one part by one sensor, in a fixed order."""
+class CaptureSource(Protocol):
+    """All captures of one part by one sensor, in a fixed order, wherever they are kept."""
 
     @property
     def name(self) -> str:

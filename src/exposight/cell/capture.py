@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,7 +20,18 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
 
 
+_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+"""Never a path into another folder."""
+
 _TYPES = {8: np.dtype(np.uint8), 12: np.dtype(np.uint16), 16: np.dtype(np.uint16)}
+
+
+CAPTURE_FILES = (DESCRIPTION_FILE, IMAGE_FILE, CLOUD_FILE) = (
+    "capture.json",
+    "image.png",
+    "cloud.npz",
+)
+"""Names of a stored capture's files, which its attachments cannot have."""
 
 
 class CaptureKey(NamedTuple):
@@ -84,27 +97,31 @@ class Capture:
     view : str
         Name of the sensor's position, the same for all exposure times there.
     exposure_ms : float, ms
-        Exposure time that was really taken.
+        Exposure time that was really taken, as the sensor reports it.
     image : (rows, columns) ndarray of uint8 or uint16
         One stripe image of the first camera (Sect. 3.1.2 of the paper). Copied, made read-only.
     cloud : Cloud or None
         In the first camera's frame, mm; None where it was not kept, which is not the same as a
         cloud without any point.
     camera_from_part : RigidTransform
-        Where the part stood.
+        Where the part stood, as the cell reports it.
     bit_depth : {8, 12, 16}
         Bits of the image: uint8 for 8, uint16 for 12 or 16.
     emulated : bool
         True where the exposure was computed from another one and not taken by a camera.
     notes : str
         Anything that people should know.
+    attachments : mapping of str to bytes
+        Further files to be kept with it, by name, for example raw frames. Those of a capture read
+        from a campaign's folder are read when they are looked up.
 
     Raises
     ------
     ImageError
         If the image is in colour, or of another type or range than its bit depth says.
     InputError
-        If the view has no name or the exposure time is not positive.
+        If the view has no name, the exposure time is not positive, or an attachment's name is not
+        that of a file.
     """
 
     view: str
@@ -115,6 +132,7 @@ class Capture:
     bit_depth: int = 8
     emulated: bool = False
     notes: str = ""
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.view.strip():
@@ -123,6 +141,13 @@ class Capture:
         if not (math.isfinite(self.exposure_ms) and self.exposure_ms > 0):
             msg = f"an exposure time must be above 0 ms, got {self.exposure_ms} ms"
             raise InputError(msg)
+        for name in self.attachments:
+            if not _FILE_NAME.fullmatch(name) or name in CAPTURE_FILES:
+                msg = (
+                    f"an attachment needs the name of a file of its own in letters, digits, '.', "
+                    f"'_' and '-', got {name!r}"
+                )
+                raise InputError(msg)
         object.__setattr__(self, "exposure_ms", float(self.exposure_ms))
         object.__setattr__(self, "image", check_image(self.image, self.bit_depth))
 

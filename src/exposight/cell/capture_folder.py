@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, cast
 
@@ -11,7 +12,13 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from exposight.cell.capture import Capture, CaptureKey
+from exposight.cell.capture import (
+    CLOUD_FILE,
+    DESCRIPTION_FILE,
+    IMAGE_FILE,
+    Capture,
+    CaptureKey,
+)
 from exposight.cell.cloud import Cloud
 from exposight.cell.sensor_document import PoseMatrix, pose_from_rows, rows_from_pose
 from exposight.errors import (
@@ -26,18 +33,14 @@ from exposight.files.documents import StrictDocument, sealed_json, sha256_of, un
 from exposight.files.durable import durable_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
 
 CAPTURE_FORMAT = "exposight capture"
 CAPTURE_VERSION = 2
-"""2: a capture may lack its cloud, and further files may lie beside it."""
-
-_DESCRIPTION = "capture.json"
-_IMAGE = "image.png"
-_CLOUD = "cloud.npz"
+"""2: a capture may lack its cloud, and have attachments."""
 
 # A quarter of the default level's time for files a tenth larger, at 4 megapixels.
 _PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
@@ -62,9 +65,7 @@ class CaptureDocument(StrictDocument):
     beside_sha256: dict[_FileName, _Checksum] = Field(default_factory=dict)  # not in version 1
 
 
-def write_capture(
-    folder: Path, capture: Capture, beside: Mapping[str, bytes] | None = None
-) -> None:
+def write_capture(folder: Path, capture: Capture) -> None:
     """Write a capture as a new folder that appears whole or not at all.
 
     Parameters
@@ -72,18 +73,16 @@ def write_capture(
     folder : Path
         The folder to make.
     capture : Capture
-        What goes into it.
-    beside : mapping of str to bytes, optional
-        Names and contents of further files to lie in it.
+        What goes into it, its attachments included.
 
     Raises
     ------
     FileError
         If the disk is full or refuses for another reason.
     """
-    files = {**(beside or {}), _IMAGE: png_bytes(capture.image)}
+    files = {**capture.attachments, IMAGE_FILE: png_bytes(capture.image)}
     if capture.cloud is not None:
-        files[_CLOUD] = _npz(capture.cloud)
+        files[CLOUD_FILE] = _npz(capture.cloud)
     checksums = {name: sha256_of(content) for name, content in files.items()}
     document = CaptureDocument(
         format="exposight capture",
@@ -94,14 +93,14 @@ def write_capture(
         emulated=capture.emulated,
         notes=capture.notes,
         camera_from_part=rows_from_pose(capture.camera_from_part),
-        image_sha256=checksums.pop(_IMAGE),
-        cloud_sha256=checksums.pop(_CLOUD, None),
+        image_sha256=checksums.pop(IMAGE_FILE),
+        cloud_sha256=checksums.pop(CLOUD_FILE, None),
         beside_sha256=checksums,
     )
     with durable_folder(folder) as unfinished:
         for name, content in files.items():
             (unfinished / name).write_bytes(content)
-        (unfinished / _DESCRIPTION).write_bytes(sealed_json(document))
+        (unfinished / DESCRIPTION_FILE).write_bytes(sealed_json(document))
 
 
 def read_key(folder: Path) -> CaptureKey:
@@ -131,10 +130,14 @@ def read_capture(folder: Path) -> Capture:
         If a newer version of exposight wrote it.
     """
     document = _read_document(folder)
-    image = _image_from_png(_verified(folder / _IMAGE, document.image_sha256), folder / _IMAGE)
+    image = _image_from_png(
+        _verified(folder / IMAGE_FILE, document.image_sha256), folder / IMAGE_FILE
+    )
     cloud = None
     if document.cloud_sha256 is not None:
-        cloud = _cloud_from_npz(_verified(folder / _CLOUD, document.cloud_sha256), folder / _CLOUD)
+        cloud = _cloud_from_npz(
+            _verified(folder / CLOUD_FILE, document.cloud_sha256), folder / CLOUD_FILE
+        )
     try:
         return Capture(
             view=document.view,
@@ -145,31 +148,51 @@ def read_capture(folder: Path) -> Capture:
             bit_depth=document.bit_depth,
             emulated=document.emulated,
             notes=document.notes,
+            attachments=StoredAttachments(folder, document.beside_sha256),
         )
     except InputError as error:
         msg = f"{folder}: {error}"
         raise FormatError(msg) from error
 
 
-def read_beside(folder: Path) -> dict[str, bytes]:
-    """Read the further files of a capture and verify their checksums.
+class StoredAttachments(Mapping[str, bytes]):
+    """A stored capture's further files by name, each read and verified when it is looked up.
 
-    Returns
-    -------
-    dict of str to bytes
-        Contents by name, sorted; empty where nothing lies beside image and cloud.
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    checksums : mapping of str to str
+        SHA-256 of each by its name.
+    """
+
+    def __init__(self, folder: Path, checksums: Mapping[str, str]) -> None:
+        self._folder = folder
+        self._checksums = dict(sorted(checksums.items()))
+
+    def __getitem__(self, name: str) -> bytes:
+        return _verified(self._folder / name, self._checksums[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._checksums)
+
+    def __len__(self) -> int:
+        return len(self._checksums)
+
+
+def read_attachments(folder: Path) -> StoredAttachments:
+    """Return the further files of a capture without reading its image and cloud.
 
     Raises
     ------
     MissingFileError, DamagedFileError, FormatError, VersionError
-        As `read_capture`.
+        As `read_capture`; looking up a file may raise the first two as well.
     """
-    checksums = _read_document(folder).beside_sha256
-    return {name: _verified(folder / name, checksums[name]) for name in sorted(checksums)}
+    return StoredAttachments(folder, _read_document(folder).beside_sha256)
 
 
 def _read_document(folder: Path) -> CaptureDocument:
-    path = folder / _DESCRIPTION
+    path = folder / DESCRIPTION_FILE
     return unseal_json(
         CaptureDocument,
         read_bytes(path),

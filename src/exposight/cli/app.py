@@ -20,8 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
 from exposight.cli.output import print_error, quit_quietly
-from exposight.cli.suggestions import suggestion
-from exposight.errors import ExposightError
+from exposight.errors import ExposightError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -129,7 +128,7 @@ def _plainer(message: str) -> str:
     choice = re.fullmatch(r"(?s).*?'([^']+)' is not one of (.*?)\.?", message)
     if choice is None:
         return message
-    return message.rstrip(".") + suggestion(choice[1], re.findall(r"'([^']+)'", choice[2]))
+    return message.rstrip(".") + did_you_mean(choice[1], re.findall(r"'([^']+)'", choice[2]))
 
 
 app = typer.Typer(

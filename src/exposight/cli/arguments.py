@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.cell import PRESETS, read_sensor, sensor_preset
-from exposight.cli.suggestions import suggestion
-from exposight.errors import FileError, ImageError, MissingFileError, PoseError, SensorError
+from exposight.errors import (
+    FileError,
+    ImageError,
+    MissingFileError,
+    PoseError,
+    SensorError,
+    did_you_mean,
+)
 from exposight.geometry import RigidTransform
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence, sequence_preset
 
@@ -70,7 +76,7 @@ def sensor_from(name_or_path: str) -> ActiveSensor:
     msg = (
         f"no sensor '{name_or_path}': expected one of the presets {', '.join(PRESETS)}, or the "
         "JSON file of a sensor (every campaign folder has its own, sensor.json)"
-        + suggestion(name_or_path, PRESETS)
+        + did_you_mean(name_or_path, PRESETS)
     )
     raise SensorError(msg)
 
@@ -93,7 +99,7 @@ def sequence_from(name_or_path: str) -> PatternSequence:
     msg = (
         f"no pattern sequence '{name_or_path}': expected one of the presets "
         f"{', '.join(SEQUENCE_PRESETS)}, or a TOML file that says what each frame shows"
-        + suggestion(name_or_path, SEQUENCE_PRESETS)
+        + did_you_mean(name_or_path, SEQUENCE_PRESETS)
     )
     raise ImageError(msg)
 
@@ -137,7 +143,7 @@ def pose_from_text(convention: str, text: str) -> RigidTransform:
     if convention not in POSE_CONVENTIONS:
         *others, last = POSE_CONVENTIONS
         msg = f"poses are written as by {', '.join(others)} or {last}, got '{convention}'"
-        msg += suggestion(convention, POSE_CONVENTIONS)
+        msg += did_you_mean(convention, POSE_CONVENTIONS)
         raise PoseError(msg)
     expected, read = POSE_CONVENTIONS[convention]
     wanted = expected.split(" ", 1)[0].count(",") + 1

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from exposight.cell import sensor_preset
 from exposight.cli.facts import Recognised, fact
 from exposight.cli.output import count, number, print_json, print_table
-from exposight.cli.suggestions import suggestion
-from exposight.errors import InputError
+from exposight.errors import InputError, did_you_mean
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS, DepthPlane, read_plan, views
 from exposight.twin.part import door_part
 
@@ -34,7 +33,7 @@ def plan_from(name_or_path: str) -> MeasuringPlan:
         return read_plan(path)
     msg = (
         f"no measuring plan '{name_or_path}': expected a TOML or YAML file, or one of "
-        f"{', '.join(PLANS)}{suggestion(name_or_path, PLANS)}"
+        f"{', '.join(PLANS)}{did_you_mean(name_or_path, PLANS)}"
     )
     raise InputError(msg)
 

@@ -28,7 +28,7 @@ from exposight.errors import FormatError
 from exposight.observing import Visibility, observe_campaign
 
 if TYPE_CHECKING:
-    from exposight.cell import Campaign
+    from exposight.cell import CaptureSource
     from exposight.observing import ObservationTable
 
 _COLUMNS = {
@@ -149,7 +149,7 @@ def observe_command(
         _print(source, table, output)
 
 
-def _source(campaign: Path | None, single: SingleCapture) -> Campaign:
+def _source(campaign: Path | None, single: SingleCapture) -> CaptureSource:
     """Return what is to be observed: a campaign's folder, or else a single capture."""
     if campaign is None:
         return single.campaign()
@@ -172,7 +172,7 @@ def _ranges(table: ObservationTable) -> dict[str, tuple[float, float, float]]:
     return dict(zip(_COLUMNS, zip(low, middle, high, strict=True), strict=True))
 
 
-def _document(source: Campaign, table: ObservationTable, output: Path) -> dict[str, object]:
+def _document(source: CaptureSource, table: ObservationTable, output: Path) -> dict[str, object]:
     return {
         "campaign": source.name,
         "sensor": source.sensor.name,
@@ -190,7 +190,7 @@ def _document(source: Campaign, table: ObservationTable, output: Path) -> dict[s
     }
 
 
-def _print(source: Campaign, table: ObservationTable, output: Path) -> None:
+def _print(source: CaptureSource, table: ObservationTable, output: Path) -> None:
     emulated = int(table.frame["emulated"].sum())
     print_facts(
         f"{source.name}: part {source.part.name}, {source.sensor.name}",

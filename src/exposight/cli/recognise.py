@@ -23,8 +23,7 @@ from exposight.cli.recordings import (
     recognise_image,
     recognise_sequence,
 )
-from exposight.cli.suggestions import suggestion
-from exposight.errors import FormatError, MissingFileError
+from exposight.errors import FormatError, MissingFileError, did_you_mean
 from exposight.models import MODEL_SUFFIX, is_model_file, load_model
 from exposight.observing import read_observations
 from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
@@ -70,7 +69,7 @@ def recognise(path: Path) -> Recognised:
         if named is not None:
             return recognise_plan(named, "known by name")
         msg = f"{path}: no such file or folder, nor a measuring plan of that name"
-        msg += suggestion(str(path), PLANS)
+        msg += did_you_mean(str(path), PLANS)
         raise MissingFileError(msg)
     if path.suffix == MODEL_SUFFIX or is_model_file(path):
         return _model(path)

@@ -18,8 +18,7 @@ from exposight.cli.output import (
     print_table,
     progress_bars,
 )
-from exposight.cli.suggestions import suggestion
-from exposight.errors import FileError, MissingFileError
+from exposight.errors import FileError, MissingFileError, did_you_mean
 from exposight.paper.result import SENSOR_KINDS, SensorKind, StudySettings
 from exposight.paper.study import run_study
 from exposight.report.study import write_study
@@ -127,7 +126,7 @@ def _sensors(name: str) -> tuple[SensorKind, ...]:
     kinds = tuple(kind for kind in SENSOR_KINDS if name in {kind, _BOTH})
     if not kinds:
         known = (*SENSOR_KINDS, _BOTH)
-        msg = f"expected one of {', '.join(known)}, got {name!r}{suggestion(name, known)}"
+        msg = f"expected one of {', '.join(known)}, got {name!r}{did_you_mean(name, known)}"
         raise typer.BadParameter(msg, param_hint="--sensor")
     return kinds
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exposight.cell import Campaign
+    from exposight.cell import CaptureSource
     from exposight.geometry import RigidTransform
     from exposight.observing import ObservationTable
 
@@ -127,12 +127,12 @@ def _read_cloud(path: Path, unit: CloudUnit) -> Cloud:
     return cloud if unit is CloudUnit.MM else Cloud(points=unit.mm * cloud.points)
 
 
-def check_cloud_unit(source: Campaign, table: ObservationTable) -> None:
+def check_cloud_unit(source: CaptureSource, table: ObservationTable) -> None:
     """Refuse clouds in another unit than mm: each p_norm would be 0, which nobody measured.
 
     Parameters
     ----------
-    source : Campaign
+    source : CaptureSource
         What was observed.
     table : ObservationTable
         Its observations.

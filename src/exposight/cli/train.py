@@ -27,8 +27,7 @@ from exposight.cli.output import (
     wrote,
 )
 from exposight.cli.position_units import in_metres_remark
-from exposight.cli.suggestions import suggestion
-from exposight.errors import InputError
+from exposight.errors import InputError, did_you_mean
 from exposight.models import (
     MODEL_SUFFIX,
     MODELS,
@@ -150,7 +149,7 @@ def _model(name: str) -> ModelSpecification:
     try:
         return model_named(name)
     except InputError as error:
-        msg = f"{error}, {_ALL}{suggestion(name, (*(own.name for own in MODELS), _ALL))}"
+        msg = f"{error}, {_ALL}{did_you_mean(name, (*(own.name for own in MODELS), _ALL))}"
         raise InputError(msg) from error
 
 

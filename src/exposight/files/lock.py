@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import TYPE_CHECKING
+
+from filelock import FileLock, Timeout
 
 from exposight.errors import FileError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-
-if sys.platform != "win32":
-    import fcntl
+    from filelock import BaseFileLock
 
 
 WRITER_LOCK = "writer.lock"
 
 
-def hold_writer_lock(folder: Path, what: str) -> int:
-    """Open a folder's lock file, which only one process can hold.
+def hold_writer_lock(folder: Path, what: str) -> BaseFileLock:
+    """Take a folder's lock, which only one writer can hold.
 
     Parameters
     ----------
@@ -31,32 +29,29 @@ def hold_writer_lock(folder: Path, what: str) -> int:
 
     Returns
     -------
-    int
-        An open file; close it (``os.close``) to let the next writer in.
+    BaseFileLock
+        Call its ``release()`` to let the next writer in.
 
     Raises
     ------
     FileError
-        If another process holds it, or the disk refuses.
+        If another writer holds it, or the disk refuses.
     """
     path = folder / WRITER_LOCK
+    lock = FileLock(path, timeout=0, thread_local=False)  # whichever thread releases it
     try:
-        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        msg = f"{path} cannot be opened to write {what}: {error.strerror or error}"
+        lock.acquire()
+    except Timeout as error:
+        msg = f"another writer has {what} in {folder} open; wait until it is done, or close it"
         raise FileError(msg) from error
-    if sys.platform == "win32":  # no such lock there: one writer at a time is up to the user
-        return lock
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        os.close(lock)
-        if isinstance(error, BlockingIOError):
-            msg = f"another writer has {what} in {folder} open; wait until it is done, or close it"
+        reason = error.strerror or str(error)
+        if error.filename is not None:
+            msg = f"{path} cannot be opened to write {what}: {reason}"
         else:
             msg = (
-                f"{path} cannot be locked ({error.strerror or error}), so a second writer could "
-                f"not be kept out; write {what} to a local disk and copy it afterwards"
+                f"{path} cannot be locked ({reason}), so a second writer could not be kept out; "
+                f"write {what} to a local disk and copy it afterwards"
             )
         raise FileError(msg) from error
     return lock

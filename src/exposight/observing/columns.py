@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
-from exposight.errors import FormatError, ObservationError
+from exposight.errors import FormatError, ObservationError, did_you_mean
 from exposight.observing.masks import Visibility
 from exposight.observing.observation import REQUIRED, SCHEMA
 
@@ -72,9 +71,9 @@ def check_header(
         raise FormatError(msg)
     if closed and (missing or unknown):
         meant = [
-            f"; did you mean {close[0]!r} by {name!r}?"
+            meant.replace("?", f" by {name!r}?")
             for name in unknown
-            if (close := get_close_matches(name, SCHEMA, n=1))
+            if (meant := did_you_mean(name, SCHEMA))
         ]
         msg = (
             f"{path}: wrong header: missing {missing or 'none'}, unknown {unknown or 'none'}; "

@@ -21,7 +21,7 @@ from exposight.observing.table import ObservationTable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.cell import Campaign, Capture, RingTolerance
+    from exposight.cell import Capture, CaptureSource, RingTolerance
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def observe_capture(
 
 
 def observe_campaign(
-    campaign: Campaign,
+    campaign: CaptureSource,
     tolerance: RingTolerance = PAPER_TOLERANCE,
     progress: Callable[[int, int], None] | None = None,
 ) -> ObservationTable:
@@ -59,7 +59,7 @@ def observe_campaign(
 
     Parameters
     ----------
-    campaign : Campaign
+    campaign : CaptureSource
         Recorded or simulated.
     tolerance : RingTolerance
         Height and radii of the hollow cylinder; the paper's by default.

@@ -190,11 +190,11 @@ def test_raw_frames_come_with_the_calibration_that_decode_reads(tmp_path, one_vi
 
 def test_frames_are_checksummed(tmp_path, one_view, rings):
     campaign = simulate(one_view, tmp_path, replace(rings, raw_frames=True))
-    assert [*campaign.beside(0)] == [f"frame-{i:02d}.png" for i in range(12)]
+    assert [*campaign.attachments(0)] == [f"frame-{i:02d}.png" for i in range(12)]
     frame = tmp_path / "captures" / "000000" / "frame-07.png"
     frame.write_bytes(frame.read_bytes()[:-1] + b"x")
     with pytest.raises(DamagedFileError, match=r"frame-07\.png is damaged"):
-        campaign.beside(0)
+        [*campaign.attachments(0).values()]
 
 
 def test_frames_of_a_stereo_sensor_are_both_images(tmp_path, scene):
@@ -202,7 +202,7 @@ def test_frames_of_a_stereo_sensor_are_both_images(tmp_path, scene):
     (capture,) = campaign.captures()
     frames = [
         cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        for content in campaign.beside(0).values()
+        for content in campaign.attachments(0).values()
     ]
     assert np.array_equal(frames[0], capture.image)
     pair = rectify(*campaign.sensor.cameras, campaign.sensor.first_from_camera[1])

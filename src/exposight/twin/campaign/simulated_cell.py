@@ -297,6 +297,6 @@ def _write_table(campaign: CampaignFolder) -> None:
     """Write the observations of a campaign's captures, which lie beside them, as one table."""
     header, rows = b"", []
     for number in campaign.numbers:
-        header, _, body = campaign.beside(number)[OBSERVATIONS_FILE].partition(b"\n")
+        header, _, body = campaign.attachments(number)[OBSERVATIONS_FILE].partition(b"\n")
         rows.append(body)
     write_durably(campaign.path / OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))

@@ -108,12 +108,12 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
         with _naming(task, exposure_ms):
             taken = take(exposure_ms)
             capture = taken.capture
-            beside = frame_files(taken.frames) if task.settings.raw_frames else {}
+            attachments = frame_files(taken.frames) if task.settings.raw_frames else {}
             if observe is not None:
-                beside[OBSERVATIONS_FILE] = observations_csv(observe(capture))
+                attachments[OBSERVATIONS_FILE] = observations_csv(observe(capture))
                 capture = replace(capture, cloud=None)
             check_record(folder, record_sha256)  # by now the folder may be another simulation's
-            write_numbered_capture(folder, number, capture, beside)
+            write_numbered_capture(folder, number, replace(capture, attachments=attachments))
 
 
 def observe_view(task: ViewTask) -> list[Observation]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -101,7 +100,7 @@ class ViewTables:
         finally:
             if folder.exists() and not list(folder.glob(_VIEWS)):  # nothing to go on with
                 shutil.rmtree(folder, ignore_errors=True)
-            os.close(lock)
+            lock.release()
 
     def find(self, number: int) -> ObservationTable | None:
         """Return the observations of a view, or None where it is not finished.

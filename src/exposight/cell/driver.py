@@ -1,0 +1,87 @@
+"""The contract between exposight and a measuring cell: a driver takes one capture at a time.
+
+Whatever can take an image and a point cloud at a chosen exposure time and pose can be measured
+with: the simulated cell, a recorded campaign that is replayed, a real sensor. To connect another
+one, write a class with these two members; no base class is needed. ::
+
+    class MyCell:
+        sensor = read_sensor(Path("sensor.json"))
+
+        def capture(self, exposure_ms, camera_from_part, *, view):
+            self.robot.move_to(camera_from_part)
+            self.camera.exposure_us = 1000.0 * exposure_ms
+            image, points = self.camera.grab()
+            return Capture(
+                view=view,
+                exposure_ms=self.camera.exposure_us / 1000.0,  # as set, not as asked for
+                image=image,
+                cloud=Cloud(points=points),
+                camera_from_part=self.robot.camera_from_part(),  # as reported
+            )
+
+A driver does one thing. Choosing views and exposure times, resuming an interrupted campaign,
+locking its folder, writing and verifying files, and distributing views over processes belong to the
+loop that calls it (`exposight.measuring`).
+
+Optional members, which the loop looks up by name:
+
+``part`` : Part
+    What is measured, where the driver knows it; else the caller says so.
+``concurrent`` : bool
+    True if copies of the driver in other processes may capture at the same time. The driver must
+    then be picklable. A cell with one robot and one sensor leaves it out.
+``description()`` : dict
+    JSON-able facts that decide the bytes of captures beyond sensor, part and plan, such as gain or
+    firmware. An interrupted campaign only continues with an equal description.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from exposight.cell.capture import Capture
+    from exposight.cell.sensor import ActiveSensor
+    from exposight.geometry import RigidTransform
+
+
+class Driver(Protocol):
+    """Something that takes captures: a real sensor, a simulated one, or a replayed campaign."""
+
+    @property
+    def sensor(self) -> ActiveSensor:
+        """Cameras, lenses and possible exposure times of the sensor that takes the captures."""
+        ...
+
+    def capture(
+        self, exposure_ms: float, camera_from_part: RigidTransform, *, view: str
+    ) -> Capture:
+        """Move to a pose and take one capture.
+
+        Called view by view; all exposure times of a view come one after another with the same pose,
+        so a driver need not move again.
+
+        Parameters
+        ----------
+        exposure_ms : float, ms
+            Exposure time to take, within the sensor's range. What the sensor was really set to,
+            read back from it, goes into the capture's `exposure_ms`.
+        camera_from_part : RigidTransform
+            Where the part shall stand, seen from the sensor's first camera, in mm. Where it stands
+            as the cell reports it goes into the capture's `camera_from_part`.
+        view : str
+            Name of this position; the capture gets it.
+
+        Returns
+        -------
+        Capture
+            Image, cloud in the first camera's frame in mm, exposure time and pose as read back.
+            Further files to be kept with it, such as raw frames, are its `attachments`.
+
+        Raises
+        ------
+        ExposightError
+            If the capture cannot be taken; the loop stops, and what was captured stays valid. Any
+            other exception is passed on likewise.
+        """
+        ...
