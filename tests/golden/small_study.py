@@ -1,7 +1,7 @@
 """A small study from end to end: measured in the simulated cell, decoded, learnt, judged.
 
-Its numbers are kept in `golden.json`. They change when physics, decoding or learning changes, and never
-because code is moved: run this file to write them again, and say in the commit why they differ.
+Its numbers are kept in `golden.json`. They change when physics, decoding or learning changes, and
+never because code is moved: run this file to write them again, and say in the commit why they differ.
 """
 
 from __future__ import annotations
@@ -96,8 +96,6 @@ def decoded() -> dict[str, float]:
 
 
 def _image(png: bytes) -> np.ndarray:
-    import cv2
-
     return cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
 
 
