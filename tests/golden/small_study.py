@@ -1,7 +1,8 @@
 """A small study from end to end: measured in the simulated cell, decoded, learnt, judged.
 
 Its numbers are kept in `golden.json`. They change when physics, decoding or learning changes, and
-never because code is moved: run this file to write them again, and say in the commit why they differ.
+never because code is moved: run this file to write them again, and say in the commit why they
+differ.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from exposight.models import evaluate, model_named, train
