@@ -11,15 +11,16 @@ from exposight.errors import ObservationError
 from exposight.models import model_named
 from exposight.observing import ObservationTable
 from exposight.paper import training
-from exposight.paper.training import Training, train_all
+from exposight.paper.training import KeptTraining, train_or_read
 
 
 @pytest.fixture
-def wanted(observe: Callable[..., ObservationTable]) -> Training:
-    return Training(
+def wanted(observe: Callable[..., ObservationTable]) -> KeptTraining:
+    return KeptTraining(
         name="q_k1",
         specification=model_named("q_k1"),
-        rows=observe(["f1", "f2"]),
+        table=observe(["f1", "f2"]),
+        source_sha256="ab" * 32,
         source="by hand",
         sensor=sensor_preset("comet-pro-ae"),
         seed=1,
@@ -27,17 +28,15 @@ def wanted(observe: Callable[..., ObservationTable]) -> Training:
     )
 
 
-def test_the_same_training_has_the_same_file(wanted: Training) -> None:
+def test_the_same_training_has_the_same_file(wanted: KeptTraining) -> None:
     assert wanted.path(Path("a")) == replace(wanted).path(Path("a"))
 
 
-def test_whatever_decides_a_model_decides_its_file(
-    wanted: Training, observe: Callable[..., ObservationTable]
-) -> None:
+def test_whatever_decides_a_model_decides_its_file(wanted: KeptTraining) -> None:
     others = [
         replace(wanted, seed=2),
         replace(wanted, restarts=2),
-        replace(wanted, rows=observe(["f1", "f3"])),
+        replace(wanted, source_sha256="cd" * 32),
         replace(wanted, specification=model_named("q_k2")),
         replace(wanted, source="elsewhere"),
         replace(wanted, sensor=sensor_preset("rc-visard-65")),
@@ -47,7 +46,7 @@ def test_whatever_decides_a_model_decides_its_file(
 
 
 def test_another_version_has_another_file(
-    wanted: Training, monkeypatch: pytest.MonkeyPatch
+    wanted: KeptTraining, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = wanted.path(Path())
     monkeypatch.setattr(training, "__version__", "99")
@@ -55,28 +54,28 @@ def test_another_version_has_another_file(
 
 
 def test_models_come_in_the_order_asked_for(
-    wanted: Training, observe: Callable[..., ObservationTable], tmp_path: Path
+    wanted: KeptTraining, observe: Callable[..., ObservationTable], tmp_path: Path
 ) -> None:
     # The second takes longer, so it is trained first.
-    longer = replace(wanted, name="longer", rows=observe(["f1", "f2", "f3"]))
-    first, second = train_all([wanted, longer], tmp_path, workers=1, progress=lambda *_: None)
+    longer = replace(wanted, name="longer", table=observe(["f1", "f2", "f3"]), source_sha256=None)
+    first, second = train_or_read([wanted, longer], tmp_path, workers=1, progress=lambda *_: None)
     assert (len(first.process.y), len(second.process.y)) == (60, 90)
 
 
-def test_progress_counts_what_was_there(wanted: Training, tmp_path: Path) -> None:
+def test_progress_counts_what_was_there(wanted: KeptTraining, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     for _ in range(2):
-        train_all([wanted], tmp_path, workers=1, progress=lambda *at: told.append(at))
+        train_or_read([wanted], tmp_path, workers=1, progress=lambda *at: told.append(at[1:]))
     assert told == [(0, 1), (1, 1), (1, 1)]
 
 
-def test_a_model_knows_its_training(wanted: Training, tmp_path: Path) -> None:
-    (model,) = train_all([wanted], tmp_path, workers=1, progress=lambda *_: None)
+def test_a_model_knows_its_training(wanted: KeptTraining, tmp_path: Path) -> None:
+    (model,) = train_or_read([wanted], tmp_path, workers=1, progress=lambda *_: None)
     assert model.provenance.observations == "by hand"
-    assert model.provenance.observations_sha256 == training.table_checksum(wanted.rows)
+    assert model.provenance.observations_sha256 == wanted.source_sha256
 
 
-def test_rows_that_cannot_be_learnt_from_are_refused(wanted: Training, tmp_path: Path) -> None:
-    none = replace(wanted, rows=ObservationTable.from_observations([]))
+def test_rows_that_cannot_be_learnt_from_are_refused(wanted: KeptTraining, tmp_path: Path) -> None:
+    none = replace(wanted, table=ObservationTable.from_observations([]))
     with pytest.raises(ObservationError, match="cannot train q_k1"):
-        train_all([none], tmp_path, workers=1, progress=lambda *_: None)
+        train_or_read([none], tmp_path, workers=1, progress=lambda *_: None)

@@ -26,8 +26,10 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from typing import NoReturn
+
+    from exposight.workers import Progress as ReportsProgress
 
 
 BROKEN_PIPE = 141
@@ -188,7 +190,7 @@ def print_table(
 @contextmanager
 def progress_bars(
     *, keep: bool = False, time_left: bool = False
-) -> Iterator[Callable[[str, int, int], None]]:
+) -> Iterator[ReportsProgress]:
     """Show how far work is, on standard error and only where that is a terminal.
 
     Parameters
@@ -200,8 +202,8 @@ def progress_bars(
 
     Yields
     ------
-    callable
-        To be called with (stage, done, total).
+    Progress
+        Draws a bar for each stage.
     """
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:

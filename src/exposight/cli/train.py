@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,9 +31,10 @@ from exposight.models import (
     MODELS,
     model_named,
     save_model,
-    train,
+    train_all,
 )
 from exposight.observing import read_observations
+from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
@@ -52,7 +51,6 @@ _LEAST_ROWS = 10
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trained:
     model: TrainedModel
-    seconds: float
     path: Path
     replaced: bool
 
@@ -87,6 +85,13 @@ _Sensor = Annotated[
     ),
 ]
 
+_Workers = Annotated[
+    int | None,
+    typer.Option(
+        "--workers", min=1, help="Models trained at the same time; one per core, 8 at most."
+    ),
+]
+
 
 def train_command(
     observations: _Observations,
@@ -95,6 +100,7 @@ def train_command(
     seed: _Seed = 1,
     restarts: _Restarts = 3,
     sensor: _Sensor = None,
+    workers: _Workers = None,
     as_json: JsonOption = False,
 ) -> None:
     """Train the paper's models on observations.
@@ -114,27 +120,24 @@ def train_command(
         _check_exposures(table, owner)
     make_folder(output, "the models")
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
-    trained = []
     with progress_bars(keep=True) as progress:
-        for specification in specifications:
-            start = time.perf_counter()
-            tell = partial(progress, f"training {specification.name}")
-            tell(0, restarts)
-            model = train(
-                specification,
-                table,
-                seed=seed,
-                source=observations.name,
-                source_sha256=sha256,
-                sensor=owner,
-                restarts=restarts,
-                progress=tell,
-            )
-            path = output / f"{specification.name}{MODEL_SUFFIX}"
-            replaced = path.exists()
-            save_model(path, model)
-            seconds = time.perf_counter() - start
-            trained.append(_Trained(model=model, seconds=seconds, path=path, replaced=replaced))
+        models_trained = train_all(
+            specifications,
+            table,
+            seed=seed,
+            source=observations.name,
+            source_sha256=sha256,
+            sensor=owner,
+            restarts=restarts,
+            workers=usual_workers() if workers is None else workers,
+            progress=progress,
+        )
+    trained = []
+    for model in models_trained:
+        path = output / f"{model.specification.name}{MODEL_SUFFIX}"
+        replaced = path.exists()
+        save_model(path, model)
+        trained.append(_Trained(model=model, path=path, replaced=replaced))
     remarks = _remarks(table, trained)
     if as_json:
         documents = map(_document, trained)
@@ -191,7 +194,7 @@ def _document(done: _Trained) -> dict[str, object]:
         "starts": summary.starts,
         "parameters_at_bound": summary.parameters_at_bound,
         "hyperparameters": hyperparameter_documents(done.model),
-        "seconds": done.seconds,
+        "seconds": done.model.summary.seconds,
         "file": done.path,
         "replaced": done.replaced,
     }
@@ -207,7 +210,7 @@ def _print(trained: list[_Trained]) -> None:
                 count(len(done.model.process.y)),
                 number(done.model.summary.log_marginal_likelihood, 5),
                 "yes" if done.model.summary.converged else "no",
-                f"{done.seconds:.1f}",
+                f"{done.model.summary.seconds or 0.0:.1f}",
             )
             for done in trained
         ),

@@ -12,8 +12,8 @@ from exposight.models.trained_model import (
     Provenance,
     TrainedModel,
     evaluate,
-    train,
 )
+from exposight.models.training import Training, run_trainings, train, train_all
 
 MODELS = (*QUALITY_MODELS, *EXPOSURE_TIME_MODELS)
 """Every model of the paper's Tables 2 and 3, in their order."""

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exposight import __version__
 from exposight.errors import ObservationError
-from exposight.gp import fit
-from exposight.models.quality import I_AVG_MAX, I_AVG_MIN
 from exposight.statistics import RegressionScore, inside_box, score
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike, NDArray
 
     from exposight.cell import ActiveSensor
@@ -85,6 +81,8 @@ class FitSummary:
         How many starts there were.
     parameters_at_bound : tuple of str
         Hyperparameters that ended at a limit.
+    seconds : float or None
+        Wall time; None where the model was read from a file, which does not hold it.
     """
 
     log_marginal_likelihood: float
@@ -92,6 +90,7 @@ class FitSummary:
     evaluations: int
     starts: int
     parameters_at_bound: tuple[str, ...]
+    seconds: float | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,93 +212,6 @@ class Evaluation:
     score_inside: RegressionScore | None
 
 
-def train(
-    specification: ModelSpecification,
-    table: ObservationTable,
-    *,
-    seed: int,
-    source: str = "a table in memory",
-    source_sha256: str | None = None,
-    sensor: ActiveSensor | None = None,
-    restarts: int = 3,
-    progress: Callable[[int, int], None] | None = None,
-) -> TrainedModel:
-    """Train one of the paper's models.
-
-    Parameters
-    ----------
-    specification : ModelSpecification
-        Which one.
-    table : ObservationTable
-        Observations; rows that were not measured, or not well enough for this model, are left
-        out (`ModelSpecification.rows`).
-    seed : int
-        Of the restarts.
-    source : str
-        What the table is, for instance its file's name; kept in the model.
-    source_sha256 : str, optional
-        Checksum of that file; kept in the model.
-    sensor : ActiveSensor, optional
-        The sensor that the observations are of; kept in the model.
-    restarts : int
-        Starts of the optimiser; the paper took three (Sect. 3.3.4).
-    progress : callable, optional
-        Called with (starts done, starts in all).
-
-    Returns
-    -------
-    TrainedModel
-
-    Raises
-    ------
-    ObservationError
-        If no row is left, or too few, or they are all alike.
-    NumericalError
-        If no start of the optimiser gave a valid model.
-    """
-    rows = _usable_rows(specification, table, "train")
-    x, y = specification.data(rows)
-    if specification.kernel.gate(x).all():  # else told without the column's name
-        grey = x[:, specification.inputs.index("i_avg")]
-        lies = f"lies outside grey levels {I_AVG_MIN:g} to {I_AVG_MAX:g}"
-        if grey.max() < I_AVG_MIN:
-            lies = f"is below grey level {I_AVG_MIN:g}"
-        msg = (
-            f"cannot train {specification.name}: i_avg {lies} in every row (rows: {len(x)}, i_avg: "
-            f"{grey.min():g} to {grey.max():g}), where the model is 0 by design (it learns from "
-            f"{I_AVG_MIN:g} to {I_AVG_MAX:g}); add longer exposure times, and check that i_avg is "
-            "a mean grey level of 0 to 255"
-        )
-        raise ObservationError(msg)
-    result = fit(
-        specification.kernel,
-        x,
-        y,
-        rng=np.random.default_rng(seed),
-        restarts=restarts,
-        progress=progress,
-    )
-    return TrainedModel(
-        specification=specification,
-        process=result.process,
-        summary=FitSummary(
-            log_marginal_likelihood=result.log_marginal_likelihood,
-            converged=result.converged,
-            evaluations=result.evaluations,
-            starts=len(result.starts),
-            parameters_at_bound=result.parameters_at_bound,
-        ),
-        provenance=Provenance(
-            observations=source,
-            observations_sha256=source_sha256,
-            emulated=bool(rows.frame["emulated"].any()),
-            seed=seed,
-            exposight_version=__version__,
-        ),
-        sensor=sensor,
-    )
-
-
 def evaluate(model: TrainedModel, table: ObservationTable) -> Evaluation:
     """Hold a model against observations, those of its own kind of rows.
 
@@ -308,7 +220,7 @@ def evaluate(model: TrainedModel, table: ObservationTable) -> Evaluation:
     ObservationError
         If no row is left.
     """
-    rows = _usable_rows(model.specification, table, "evaluate")
+    rows = usable_rows(model.specification, table, "evaluate")
     x, observed = model.specification.data(rows)
     prediction = model.predict(x)
     inside = prediction.inside
@@ -324,9 +236,16 @@ def evaluate(model: TrainedModel, table: ObservationTable) -> Evaluation:
     )
 
 
-def _usable_rows(
+def usable_rows(
     specification: ModelSpecification, table: ObservationTable, purpose: str
 ) -> ObservationTable:
+    """Return the rows that a model learns from and is judged by.
+
+    Raises
+    ------
+    ObservationError
+        If there is none.
+    """
     rows = specification.rows(table)
     if len(rows) == 0:
         wanted = (

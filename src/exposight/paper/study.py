@@ -42,7 +42,7 @@ from exposight.paper.result import (
 from exposight.paper.scores import score_on, score_rung
 from exposight.paper.special_findings import Evidence
 from exposight.paper.tables import build_tables
-from exposight.paper.training import Training, train_all
+from exposight.paper.training import KeptTraining, table_checksum, train_or_read
 from exposight.statistics import maximal_information_matrix
 
 if TYPE_CHECKING:
@@ -50,10 +50,8 @@ if TYPE_CHECKING:
 
     from exposight.cell import ActiveSensor
     from exposight.models import TrainedModel
+    from exposight.workers import Progress
 
-
-Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, what of it is done, and how much there is."""
 
 DEPENDENCE_COLUMNS: Final = (
     "p_norm",
@@ -186,11 +184,11 @@ def _train(
         if name in full
     }
     trainings = (*full.values(), *(own for steps in fewer.values() for own in steps))
-    models = train_all(
+    models = train_or_read(
         trainings,
         folder,
         workers=settings.workers,
-        progress=partial(tell, "training models"),
+        progress=tell,
     )
     by_training = dict(zip(map(id, trainings), models, strict=True))
     trained = []
@@ -223,28 +221,32 @@ def _training(
     datasets: Mapping[str, Dataset],
     sensors: Mapping[SensorKind, ActiveSensor],
     settings: StudySettings,
-) -> Training:
-    rows = datasets[rung.dataset].train
-    return Training(
+) -> KeptTraining:
+    dataset = datasets[rung.dataset]
+    rows = dataset.train if dataset.train is not None else dataset.table
+    return KeptTraining(
         name=rung.name,
         specification=rung.specification,
-        rows=rows if rows is not None else datasets[rung.dataset].table,
+        table=rows,
         source=f"the study's dataset {rung.dataset}, training side",
+        source_sha256=table_checksum(rows),
         sensor=sensors[rung.sensor],
         seed=settings.seed,
         restarts=_QUICK_RESTARTS if settings.quick else _RESTARTS,
     )
 
 
-def _fewer(training: Training, divisor: int, settings: StudySettings) -> Training:
+def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> KeptTraining:
     """Return a training on a fraction of the rows; smaller fractions lie within larger ones."""
-    rows = training.rows
+    rows = training.table
     order = np.random.default_rng([settings.seed, len(rows)]).permutation(len(rows))
     chosen = np.sort(order[: len(rows) // divisor])
+    fewer = ObservationTable(frame=rows.frame[chosen])
     return replace(
         training,
         name=f"{training.name}-{divisor}th",
-        rows=ObservationTable(frame=rows.frame[chosen]),
+        table=fewer,
+        source_sha256=table_checksum(fewer),
         source=f"{training.source}, one row in {divisor}",
     )
 

@@ -17,49 +17,32 @@ from typing import TYPE_CHECKING
 
 from exposight import __version__
 from exposight.errors import FileError
-from exposight.models import MODEL_SUFFIX, load_model, save_model, train
-from exposight.workers import LocalProcesses
+from exposight.models import MODEL_SUFFIX, Training, load_model, run_trainings, save_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from exposight.cell import ActiveSensor
-    from exposight.models import ModelSpecification, TrainedModel
+    from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
+    from exposight.workers import Progress
 
+
+_STAGE = "training models"
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Training:
-    """A model to be trained.
+class KeptTraining(Training):
+    """A model to be trained and kept.
 
     Parameters
     ----------
     name : str
         Begins the name of its file.
-    specification : ModelSpecification
-        Which model.
-    rows : ObservationTable
-        What it learns from.
-    source : str
-        What the rows are; kept in the model.
-    sensor : ActiveSensor
-        That measured them; kept in the model.
-    seed : int
-        Of the restarts.
-    restarts : int
-        Starts of the optimiser.
     """
 
     name: str
-    specification: ModelSpecification
-    rows: ObservationTable
-    source: str
-    sensor: ActiveSensor
-    seed: int
-    restarts: int
 
     def path(self, folder: Path) -> Path:
         """Return the file in a folder that holds this very model."""
@@ -71,9 +54,9 @@ class Training:
                 self.specification.kernel.to_dict(),
                 self.specification.p_norm_min,
             ],
-            "rows": table_checksum(self.rows),
+            "rows": self.source_sha256,
             "source": self.source,
-            "sensor": self.sensor.to_json(),
+            "sensor": self.sensor.to_json() if self.sensor else None,
             "seed": self.seed,
             "restarts": self.restarts,
             "version": __version__,
@@ -82,12 +65,12 @@ class Training:
         return folder / f"{self.name}-{_short(text.encode())}{MODEL_SUFFIX}"
 
 
-def train_all(
-    trainings: Sequence[Training],
+def train_or_read(
+    trainings: Sequence[KeptTraining],
     folder: Path,
     *,
     workers: int,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> tuple[TrainedModel, ...]:
     """Train models, or take those that an earlier run trained.
 
@@ -99,8 +82,8 @@ def train_all(
         Where models are kept; it must exist.
     workers : int, 1 or more
         Models that are trained at the same time.
-    progress : callable
-        Called with (models there, models in all).
+    progress : Progress
+        Receives the models that are there.
 
     Returns
     -------
@@ -115,50 +98,24 @@ def train_all(
         If a model cannot be written.
     """
     paths = [training.path(folder) for training in trainings]
-    found = [_kept(path) for path in paths]
-    missing = [
-        _Task(training=training, path=path)
-        for training, path, model in zip(trainings, paths, found, strict=True)
+    kept = [_kept(path) for path in paths]
+    missing = {
+        id(training): path
+        for training, path, model in zip(trainings, paths, kept, strict=True)
         if model is None
-    ]
-    # The longest first, so that no worker is left alone with it at the end.
-    missing.sort(key=lambda task: task.cost, reverse=True)
-    done = len(trainings) - len(missing)
-    progress(done, len(trainings))
-    with closing(LocalProcesses(workers).run(_train_and_keep, missing)) as results:
-        for _ in results:
+    }
+    queue = [training for training in trainings if id(training) in missing]
+    done = len(trainings) - len(queue)
+    progress(_STAGE, done, len(trainings))
+    with closing(run_trainings(queue, workers=workers)) as results:
+        for training, model in results:
+            save_model(missing[id(training)], model)
             done += 1
-            progress(done, len(trainings))
+            progress(_STAGE, done, len(trainings))
     return tuple(
         load_model(path) if model is None else model
-        for path, model in zip(paths, found, strict=True)
+        for path, model in zip(paths, kept, strict=True)
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Task:
-    training: Training
-    path: Path
-
-    @property
-    def cost(self) -> float:
-        """Rises with the time that training takes: a factorisation for each step of the search."""
-        parameters = len(self.training.specification.kernel.free_parameters)
-        return float(len(self.training.rows)) ** 3 * parameters
-
-
-def _train_and_keep(task: _Task) -> None:
-    own = task.training
-    model = train(
-        own.specification,
-        own.rows,
-        seed=own.seed,
-        source=own.source,
-        source_sha256=table_checksum(own.rows),
-        sensor=own.sensor,
-        restarts=own.restarts,
-    )
-    save_model(task.path, model)
 
 
 def _kept(path: Path) -> TrainedModel | None:

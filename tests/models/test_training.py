@@ -1,0 +1,55 @@
+"""Training many models at once: in parallel, in order, and the same for any number of workers."""
+
+import numpy as np
+import pytest
+
+from exposight.errors import InputError, ObservationError
+from exposight.models import Training, model_named, run_trainings, train_all
+
+SPECIFICATIONS = tuple(map(model_named, ("q_k1", "e_k1", "q_k2")))
+
+
+def train(table, specifications=SPECIFICATIONS, **settings):
+    return train_all(specifications, table, seed=3, restarts=1, **settings)
+
+
+@pytest.mark.slow
+def test_models_are_the_same_for_any_number_of_workers(table):
+    for one, other in zip(train(table), train(table, workers=2), strict=True):
+        assert one.specification.name == other.specification.name
+        assert one.summary == other.summary
+        inputs = one.specification.data(table)[0]
+        np.testing.assert_array_equal(one.predict(inputs).mean, other.predict(inputs).mean)
+
+
+def test_models_come_in_the_order_asked_for(table):
+    assert [model.specification for model in train(table)] == list(SPECIFICATIONS)
+
+
+def test_progress_counts_models_and_starts(table):
+    steps = []
+    train(table, SPECIFICATIONS[:2], progress=lambda *step: steps.append(step))
+    assert [step[1:] for step in steps if step[0] == "training models"] == [(0, 2), (1, 2), (2, 2)]
+    assert ("training q_k1", 1, 1) in steps
+
+
+def test_the_longest_training_begins_first(table):
+    short, long = (
+        Training(specification=SPECIFICATIONS[0], table=rows, seed=1, restarts=1)
+        for rows in (table.where(np.arange(len(table)) < 30), table)
+    )
+    assert [training for training, _ in run_trainings([short, long])] == [long, short]
+
+
+def test_a_table_that_one_model_cannot_learn_from_is_refused(table):
+    with pytest.raises(ObservationError, match="cannot train e_k1"):
+        train(table.where(table.array(["p_norm"])[:, 0] < 0.5))
+
+
+def test_processes_here_and_a_cluster_exclude_each_other(table):
+    with pytest.raises(InputError, match="choose one"):
+        train(table, workers=2, cluster="tcp://host:8786")
+
+
+def test_no_specifications_give_no_models(table):
+    assert train(table, ()) == ()
