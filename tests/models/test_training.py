@@ -41,9 +41,11 @@ def test_the_longest_training_begins_first(table):
     assert [training for training, _ in run_trainings([short, long])] == [long, short]
 
 
-def test_a_table_that_one_model_cannot_learn_from_is_refused(table):
+def test_a_table_that_one_model_cannot_learn_from_is_refused(make_table):
+    table = make_table(200)
+    poor = table.where(table.array(["p_norm"])[:, 0] < 0.75)
     with pytest.raises(ObservationError, match="cannot train e_k1"):
-        train(table.where(table.array(["p_norm"])[:, 0] < 0.5))
+        train(poor, SPECIFICATIONS[:2])
 
 
 def test_processes_here_and_a_cluster_exclude_each_other(table):

@@ -188,9 +188,7 @@ def print_table(
 
 
 @contextmanager
-def progress_bars(
-    *, keep: bool = False, time_left: bool = False
-) -> Iterator[ReportsProgress]:
+def progress_bars(*, keep: bool = False, time_left: bool = False) -> Iterator[ReportsProgress]:
     """Show how far work is, on standard error and only where that is a terminal.
 
     Parameters

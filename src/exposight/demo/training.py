@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.observing import ObservationTable
 
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lesson:
     """What models learn from and are judged by.

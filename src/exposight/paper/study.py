@@ -12,7 +12,6 @@ changed setting makes only what it changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
