@@ -18,6 +18,7 @@ from exposight.gp import (
     RationalQuadratic,
     SquaredExponential,
     fit_committee,
+    kernel_from_dict,
 )
 from exposight.gp.committee_fitting import ShardTask, evaluate_shard
 from exposight.gp.shards import in_length_scales, split_by_space
@@ -132,8 +133,26 @@ def test_threads_change_nothing_and_progress_is_told():
     theirs = two.predict(new, threads=2)
     np.testing.assert_array_equal(ours.mean, theirs.mean)
     np.testing.assert_array_equal(ours.std, theirs.std)
-    assert steps == [(done + 1, one.experts) for done in range(one.experts)]
-    assert rows[-1] == (1200, 1200)
+    assert steps == [("conditioning", done + 1, one.experts) for done in range(one.experts)]
+    assert rows[-1] == ("predicting", 1200, 1200)
+
+
+def test_a_committee_is_rebuilt_from_what_describes_it():
+    new = observe(50, seed=1)[0]
+    first = committee_of(*observe(300))
+    kernel = kernel_from_dict(first.kernel.to_dict())
+    again = Committee.from_shards(kernel, first.noise_variance, first.x, first.y, first.shard)
+    assert again.experts == first.experts == 3
+    assert again.observations == first.observations
+    one, other = (committee.predict(new, include_noise=True) for committee in (first, again))
+    np.testing.assert_array_equal(one.mean, other.mean)
+    np.testing.assert_array_equal(one.std, other.std)
+
+
+@pytest.mark.parametrize("shard", [[0, 0, 0], [-1, -1, -1], [-1, 0, 2], [-1.0, 0.0, 1.0], [-1, 0]])
+def test_observations_that_are_not_shared_out_are_refused(shard):
+    with pytest.raises(InputError, match="an integer for each of the 3 observations"):
+        Committee.from_shards(KERNEL, NOISE, np.eye(3)[:, :2], np.ones(3), shard)
 
 
 def test_shards_are_equal_compact_and_complete():
@@ -286,7 +305,7 @@ def test_progress_counts_starts_search_and_experts():
     seen = []
     result = fitted(progress=lambda *step: seen.append(step), threads=1)
     steps = 1 + 1 + result.committee.experts
-    assert seen == [(done + 1, steps) for done in range(steps)]
+    assert seen == [("fitting", done + 1, steps) for done in range(steps)]
 
 
 def test_few_observations_are_sent_to_fit():

@@ -92,9 +92,9 @@ def test_every_start_is_reported_and_the_best_one_wins(observations):
         *observations,
         rng=seeded(),
         restarts=4,
-        progress=lambda done, total: seen.append((done, total)),
+        progress=lambda *step: seen.append(step),
     )
-    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert seen == [("fitting", done, 4) for done in (1, 2, 3, 4)]
     assert len(result.starts) == 4
     assert result.evaluations == sum(start.evaluations for start in result.starts)
     best = max(start.log_marginal_likelihood for start in result.starts)
@@ -254,7 +254,7 @@ def test_a_warm_start_reaches_the_same_maximum():
     # where the optimiser stops
     assert warm.log_marginal_likelihood == pytest.approx(cold.log_marginal_likelihood, abs=1e-4)
     assert (len(warm.warm_starts), len(warm.starts)) == (3, 1)
-    assert seen[-1] == (4, 4)
+    assert seen[-1] == ("fitting", 4, 4)
     assert warm.evaluations == sum(start.evaluations for start in (*warm.warm_starts, *warm.starts))
 
 

@@ -100,10 +100,10 @@ def test_chunks_change_nothing_and_report_progress(observations, monkeypatch):
     whole = process.predict(x)
     monkeypatch.setattr(regression, "_CHUNK", 4)
     seen = []
-    parts = process.predict(x, progress=lambda done, total: seen.append((done, total)))
+    parts = process.predict(x, progress=lambda *step: seen.append(step))
     np.testing.assert_allclose(parts.mean, whole.mean, rtol=ROUNDING)
     np.testing.assert_allclose(parts.std, whole.std, rtol=ROUNDING)
-    assert seen == [(4, 11), (8, 11), (11, 11)]
+    assert seen == [("predicting", done, 11) for done in (4, 8, 11)]
 
 
 def test_no_rows_give_no_predictions(observations):

@@ -199,8 +199,8 @@ def test_threads_change_no_bit():
 def test_a_table_reports_progress():
     seen = []
     table = np.random.default_rng(4).normal(size=(20, 2))
-    maximal_information_matrix(table, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    maximal_information_matrix(table, progress=lambda *step: seen.append(step))
+    assert seen == [("dependence", done, 3) for done in (1, 2, 3)]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from exposight.errors import InputError, ObservationError
 from exposight.gp.kernels import Kernel
-from exposight.gp.observations import BoolArray, FloatArray, check_inputs, check_targets
+from exposight.gp.observations import BoolArray, FloatArray, IntArray, check_inputs, check_targets
 
 
 def check_noise_variance(noise_variance: float) -> None:
@@ -73,6 +73,39 @@ def check_observations(
         )
         raise ObservationError(msg)
     return inputs, targets, active
+
+
+def check_shards(shard: ArrayLike, active: BoolArray) -> IntArray:
+    """Check that observations are shared out among experts.
+
+    Parameters
+    ----------
+    shard : (n,) array of int
+        The number of the expert of each observation; −1 for those that all share.
+    active : (n,) bool array
+        The observations that count.
+
+    Returns
+    -------
+    (n,) array of int
+
+    Raises
+    ------
+    InputError
+        If there is not one integer an observation, or the active ones do not hold −1 and all
+        numbers from 0 to the largest.
+    """
+    owner = np.asarray(shard)
+    if owner.shape == active.shape and np.issubdtype(owner.dtype, np.integer):
+        numbers = np.unique(owner[active])
+        if len(numbers) > 1 and np.array_equal(numbers, np.arange(-1, len(numbers) - 1)):
+            return owner.astype(np.int64)
+    msg = (
+        f"shard must hold an integer for each of the {len(active)} observations: -1 for those that "
+        "all experts share, else the expert's number, from 0 without gaps; got "
+        f"{owner.dtype} of shape {owner.shape}"
+    )
+    raise InputError(msg)
 
 
 def check_rows(rows: ArrayLike, *, observations: int) -> BoolArray:

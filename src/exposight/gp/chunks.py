@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.workers import Progress
 
 
 def in_chunks(
@@ -12,7 +13,8 @@ def in_chunks(
     chunk: int,
     threads: int | None,
     worthwhile: bool,
-    progress: Callable[[int, int], None] | None,
+    stage: str,
+    progress: Progress,
 ) -> None:
     """Work on rows a chunk at a time, in threads where that is worth it.
 
@@ -26,8 +28,8 @@ def in_chunks(
         Rows at once.
     threads, worthwhile
         As for `choose_threads`.
-    progress : callable, optional
-        Called with (rows done, all rows).
+    stage, progress : str, Progress
+        Called with the stage, rows done, and all rows.
 
     Raises
     ------
@@ -38,19 +40,18 @@ def in_chunks(
     count = choose_threads(threads, worthwhile=worthwhile)
     with limit_blas(1):
         for own, _ in zip(chunks, in_threads(work, chunks, threads=count), strict=True):
-            if progress is not None:
-                progress(own.stop, rows)
+            progress(stage, own.stop, rows)
 
 
-def part_of(
-    progress: Callable[[int, int], None] | None, *, before: int, total: int
-) -> Callable[[int, int], None] | None:
+def part_of(progress: Progress, stage: str, *, before: int, total: int) -> Progress:
     """Make a part of some work report its steps as steps of the whole.
 
     Parameters
     ----------
-    progress : callable or None
-        Of the whole, called with (steps done, all steps).
+    progress : Progress
+        Of the whole.
+    stage : str
+        Of the whole.
     before : int
         Steps done when the part begins.
     total : int
@@ -58,7 +59,7 @@ def part_of(
 
     Returns
     -------
-    callable or None
-        For the part; None where nobody asks for progress.
+    Progress
+        For the part.
     """
-    return None if progress is None else lambda done, _: progress(before + done, total)
+    return lambda _, done, __: progress(stage, before + done, total)

@@ -18,20 +18,20 @@ by kernel, matter less than 1e-10; and which ones is not seen from the covarianc
 alone, for the communication set links them: knowing takes half the time of an answer.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from exposight.gp.arguments import check_noise_variance, check_observations
+from exposight.gp.arguments import check_noise_variance, check_observations, check_shards
 from exposight.gp.chunks import in_chunks, part_of
 from exposight.gp.experts import CommunicationSet, Expert
 from exposight.gp.kernels import Kernel
-from exposight.gp.observations import FloatArray, check_inputs
+from exposight.gp.observations import FloatArray, IntArray, check_inputs, read_only
 from exposight.gp.posterior import Prediction
-from exposight.gp.shards import Rows, partition
+from exposight.gp.shards import partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.workers import Progress, ignore_progress
 
 # Rows predicted at once: 8 MB of covariances with an expert of 2000 observations.
 _CHUNK = 500
@@ -45,8 +45,10 @@ _LEAST_SHARE = 1e-14
 class Committee:
     """Exact experts on shards of many observations; build it with `condition` or `fit_committee`.
 
-    An expert keeps m (m + c) numbers for a shard of m observations and c shared ones: 24 kB an
-    observation as `fit_committee` chooses them, 2.4 GB for a hundred thousand.
+    `kernel`, `noise_variance`, `x`, `y` and `shard` describe it completely: `from_shards` rebuilds
+    the same committee from them. An expert keeps m (m + c) numbers for a shard of m observations
+    and c shared ones: 24 kB an observation as `fit_committee` chooses them, 2.4 GB for a hundred
+    thousand.
 
     Attributes
     ----------
@@ -54,10 +56,13 @@ class Committee:
         Prior covariance, shared by all.
     noise_variance : float
         Shared by all, in squared units of the target.
-    observations : int
-        That the experts know together, those outside the kernel's gate not counted.
-    columns : int
-        Of the inputs.
+    x : (n, D) array
+        Training inputs, read-only.
+    y : (n,) array
+        Training targets, read-only.
+    shard : (n,) int array
+        The number of the expert to whom each observation belongs, read-only; −1 for those that
+        all experts share, and for those outside the kernel's gate, which no expert needs.
     jitter : float
         The largest amount that had to be added to a covariance's diagonal to factorise it, in
         squared units of the target; 0 almost always.
@@ -65,8 +70,9 @@ class Committee:
 
     kernel: Kernel
     noise_variance: float
-    observations: int
-    columns: int
+    x: FloatArray = field(repr=False)
+    y: FloatArray = field(repr=False)
+    shard: IntArray = field(repr=False)
     jitter: float
     _shared: CommunicationSet = field(repr=False)
     _experts: tuple[Expert, ...] = field(repr=False)
@@ -75,6 +81,11 @@ class Committee:
     def experts(self) -> int:
         """Their number."""
         return len(self._experts)
+
+    @property
+    def observations(self) -> int:
+        """How many the experts know together; those outside the kernel's gate do not count."""
+        return len(self._shared.x) + sum(len(expert.x) for expert in self._experts)
 
     @classmethod
     def condition(
@@ -88,7 +99,7 @@ class Committee:
         shard_size: int = 2000,
         communication: int = 1000,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress = ignore_progress,
     ) -> "Committee":
         """Condition experts on their shards of the observations.
 
@@ -111,8 +122,8 @@ class Committee:
             Observations that all experts share.
         threads : int, optional
             That build experts at the same time; chosen if left out.
-        progress : callable, optional
-            Called with (experts done, all experts).
+        progress : Progress
+            Called with the stage "conditioning", experts done, and all experts.
 
         Returns
         -------
@@ -128,31 +139,77 @@ class Committee:
         NotPositiveDefiniteError
             If a covariance matrix has no Cholesky factor, even with the largest jitter.
         """
+        inputs, targets, active = check_observations(kernel, x, y)
+        near = np.flatnonzero(active)
+        parts = partition(
+            kernel, inputs[near], rng, shard_size=shard_size, communication=communication
+        )
+        shard = np.full(len(targets), -1)
+        for number, rows in enumerate(parts.shards):
+            shard[near[rows]] = number
+        return cls.from_shards(
+            kernel, noise_variance, inputs, targets, shard, threads=threads, progress=progress
+        )
+
+    @classmethod
+    def from_shards(
+        cls,
+        kernel: Kernel,
+        noise_variance: float,
+        x: ArrayLike,
+        y: ArrayLike,
+        shard: ArrayLike,
+        *,
+        threads: int | None = None,
+        progress: Progress = ignore_progress,
+    ) -> "Committee":
+        """Condition experts on observations that have been shared out already.
+
+        Parameters
+        ----------
+        kernel, noise_variance, x, y, threads, progress
+            As for `condition`.
+        shard : (n,) array of int
+            As the attribute: which expert each observation belongs to, −1 for all of them.
+
+        Returns
+        -------
+        Committee
+
+        Raises
+        ------
+        InputError
+            If the noise variance is not positive, or the shards are not numbered from 0 without
+            gaps beside a communication set.
+        ObservationError, NotPositiveDefiniteError
+            As for `condition`.
+        """
         check_noise_variance(noise_variance)
         inputs, targets, active = check_observations(kernel, x, y)
-        inputs, targets = np.ascontiguousarray(inputs[active]), targets[active]
-        parts = partition(kernel, inputs, rng, shard_size=shard_size, communication=communication)
+        owner = check_shards(shard, active)
+        numbers = range(int(owner.max()) + 1)
         with limit_blas(1):
-            known = parts.communication
+            known = np.flatnonzero(active & (owner == -1))
             shared = CommunicationSet.condition(
                 kernel, noise_variance, inputs[known], targets[known]
             )
 
-            def build(rows: Rows) -> Expert:
+            def build(number: int) -> Expert:
+                rows = np.flatnonzero(active & (owner == number))
                 return Expert.condition(shared, kernel, noise_variance, inputs[rows], targets[rows])
 
-            count = choose_threads(threads, worthwhile=len(inputs) >= shard_size)
+            count = choose_threads(threads, worthwhile=len(numbers) > 1)
             experts = []
-            for expert in in_threads(build, parts.shards, threads=count):
+            for expert in in_threads(build, numbers, threads=count):
                 experts.append(expert)
-                if progress is not None:
-                    progress(len(experts), len(parts.shards))
+                progress("conditioning", len(experts), len(numbers))
         return cls(
             kernel=kernel,
             noise_variance=float(noise_variance),
-            observations=len(inputs),
-            columns=inputs.shape[1],
-            jitter=max(shared.factor.jitter, *(own.jitter for own in experts)),
+            x=read_only(inputs),
+            y=read_only(targets),
+            shard=read_only(owner),
+            jitter=max(shared.factor.jitter, *(expert.jitter for expert in experts)),
             _shared=shared,
             _experts=tuple(experts),
         )
@@ -163,7 +220,7 @@ class Committee:
         *,
         include_noise: bool = False,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress = ignore_progress,
     ) -> Prediction:
         """Predict mean and standard deviation, in constant memory.
 
@@ -185,7 +242,7 @@ class Committee:
         ObservationError, InputError
             As for `GaussianProcess.predict`.
         """
-        inputs = check_inputs(x, columns=self.columns)
+        inputs = check_inputs(x, columns=self.x.shape[1])
         # outside the gate nothing is left to predict: mean and variance are 0
         rows = np.flatnonzero(~self.kernel.closed(inputs))
         mean, variance = np.zeros(len(inputs)), np.zeros(len(inputs))
@@ -199,7 +256,10 @@ class Committee:
             chunk=_CHUNK,
             threads=threads,
             worthwhile=len(rows) * self.observations >= _MANY_PAIRS,
-            progress=part_of(progress, before=len(inputs) - len(rows), total=len(inputs)),
+            stage="predicting",
+            progress=part_of(
+                progress, "predicting", before=len(inputs) - len(rows), total=len(inputs)
+            ),
         )
         if include_noise:
             variance += self.noise_variance

@@ -22,6 +22,7 @@ from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import Search, StartResult
 from exposight.gp.shards import Rows, count_shards, partition
 from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.workers import Progress, ignore_progress
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,7 +153,7 @@ def fit_committee(
     max_iterations: int = 300,
     shard_map: ShardMap | None = None,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = ignore_progress,
 ) -> CommitteeFitResult:
     """Find the hyperparameters that make the shards most likely, and condition a committee.
 
@@ -181,8 +182,9 @@ def fit_committee(
         process if left out.
     threads : int, optional
         For what is done in this process; chosen if left out.
-    progress : callable, optional
-        Called with (steps done, all steps): the starts, the search, then the experts.
+    progress : Progress
+        Called with the stage "fitting", steps done, and all steps: the starts, the search, then
+        the experts.
 
     Returns
     -------
@@ -213,7 +215,7 @@ def fit_committee(
         priors=priors,
         restarts=restarts,
         max_iterations=max_iterations,
-        progress=part_of(progress, before=0, total=steps),
+        progress=part_of(progress, "fitting", before=0, total=steps),
     )
     parts = partition(
         warm.process.kernel, near, rng, shard_size=shard_size, communication=communication
@@ -225,17 +227,16 @@ def fit_committee(
     scale = DataScale.of(near, own)
     search = Search.of(kernel, scale, bounds=bounds, priors=priors, max_iterations=max_iterations)
     found = _climb(search, likelihood, warm.process)
-    if progress is not None:
-        progress(restarts + 1, steps)
+    progress("fitting", restarts + 1, steps)
     committee = Committee.condition(
         *search.hyperparameters(found.end),
-        near,
-        own,
+        inputs,
+        targets,
         rng=rng,
         shard_size=shard_size,
         communication=communication,
         threads=threads,
-        progress=part_of(progress, before=restarts + 1, total=steps),
+        progress=part_of(progress, "fitting", before=restarts + 1, total=steps),
     )
     return CommitteeFitResult(
         committee=committee,

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +18,7 @@ from exposight.gp.observations import BoolArray, FloatArray, check_learnable
 from exposight.gp.priors import NO_PRIORS, LogNormal
 from exposight.gp.regression import GaussianProcess
 from exposight.gp.search import Search, StartResult
+from exposight.workers import Progress, ignore_progress
 
 _logger = logging.getLogger(__name__)
 
@@ -98,7 +99,7 @@ def fit(
     warm_start: bool = False,
     max_iterations: int = 300,
     threads: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = ignore_progress,
 ) -> FitResult:
     """Find the hyperparameters that make the observations most likely.
 
@@ -133,8 +134,8 @@ def fit(
     threads : int
         As for `MarginalLikelihood`: more help from a few thousand observations on, and only on
         cores that have nothing else to do.
-    progress : callable, optional
-        Called with (starts done, all starts).
+    progress : Progress
+        Called with the stage "fitting", starts done, and all starts.
 
     Returns
     -------
@@ -189,7 +190,7 @@ class _Reporter:
     """Tells how far a fit is."""
 
     total: int
-    progress: Callable[[int, int], None] | None
+    progress: Progress
     done: int = 0
 
     def run(
@@ -202,8 +203,7 @@ class _Reporter:
         """Pass a start's result through."""
         self.done += 1
         _logger.info("start %d of %d: %s", self.done, self.total, result.message)
-        if self.progress is not None:
-            self.progress(self.done, self.total)
+        self.progress("fitting", self.done, self.total)
         return result
 
 

@@ -1,6 +1,6 @@
 """Checks at the boundary of the room: inputs, targets, and whether they can be learnt from."""
 
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,16 @@ from exposight.errors import ObservationError
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.int64]
+
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """Copy an array, so that nobody can change it."""
+    out = array.copy()
+    out.setflags(write=False)
+    return out
 
 
 def _as_floats(values: ArrayLike, name: str) -> FloatArray:

@@ -11,10 +11,11 @@ from exposight.gp.chunks import in_chunks
 from exposight.gp.factor import Factor, factorise
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood, white_noise_log_likelihood
-from exposight.gp.observations import FloatArray, check_inputs, check_targets
+from exposight.gp.observations import FloatArray, check_inputs, check_targets, read_only
 from exposight.gp.posterior import Posterior, Prediction
 from exposight.gp.threads import limit_blas
 from exposight.gp.updates import append_rows, remove_rows
+from exposight.workers import Progress, ignore_progress
 
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
 _CHUNK = 2000
@@ -107,8 +108,8 @@ class GaussianProcess:
         return cls(
             kernel=kernel,
             noise_variance=noise_variance,
-            x=_read_only(x),
-            y=_read_only(y),
+            x=read_only(x),
+            y=read_only(y),
             log_marginal_likelihood=posterior.log_marginal_likelihood
             + white_noise_log_likelihood(y[~active], noise_variance),
             jitter=factor.jitter,
@@ -200,7 +201,7 @@ class GaussianProcess:
         *,
         include_noise: bool = False,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress = ignore_progress,
     ) -> Prediction:
         """Predict mean and standard deviation, in constant memory.
 
@@ -213,8 +214,8 @@ class GaussianProcess:
             underneath.
         threads : int, optional
             Chosen by the size of the task if left out; the numbers are the same with any.
-        progress : callable, optional
-            Called with (rows done, all rows).
+        progress : Progress
+            Called with the stage "predicting", rows done, and all rows.
 
         Returns
         -------
@@ -247,7 +248,7 @@ class GaussianProcess:
         x: ArrayLike,
         *,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress = ignore_progress,
     ) -> FloatArray:
         """Predict the mean alone, which takes no triangular solve and keeps no matrix.
 
@@ -323,7 +324,7 @@ class GaussianProcess:
         predict_rows: Callable[[slice], None],
         rows: int,
         threads: int | None,
-        progress: Callable[[int, int], None] | None,
+        progress: Progress,
     ) -> None:
         """Call `predict_rows` with chunks of rows, in threads where that is worth it."""
         worthwhile = rows * len(self._posterior.x) >= _MANY_PAIRS
@@ -333,11 +334,6 @@ class GaussianProcess:
             chunk=_CHUNK,
             threads=threads,
             worthwhile=worthwhile,
+            stage="predicting",
             progress=progress,
         )
-
-
-def _read_only(array: FloatArray) -> FloatArray:
-    out = array.copy()
-    out.setflags(write=False)
-    return out

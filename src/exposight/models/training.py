@@ -234,7 +234,7 @@ def train(
         y,
         rng=np.random.default_rng(seed),
         restarts=restarts,
-        progress=lambda done, total: progress(stage, done, total),
+        progress=lambda _, done, total: progress(stage, done, total),
     )
     return TrainedModel(
         specification=specification,

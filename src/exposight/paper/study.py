@@ -282,7 +282,7 @@ def _dependence(
         values = maximal_information_matrix(
             table.array(DEPENDENCE_COLUMNS),
             threads=settings.workers,
-            progress=partial(tell, f"dependence in {name}"),
+            progress=lambda _, done, n, name=name: tell(f"dependence in {name}", done, n),
         )
         matrices.append(DependenceMatrix(dataset=name, columns=DEPENDENCE_COLUMNS, values=values))
     return tuple(matrices)

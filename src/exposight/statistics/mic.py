@@ -19,7 +19,6 @@ first estimator, and in the second only which axis of a square grid is optimised
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
@@ -31,6 +30,7 @@ from scipy.special import xlogy
 
 from exposight.errors import InputError, ObservationError
 from exposight.statistics.arguments import FloatArray, as_floats, check_vector
+from exposight.workers import Progress, ignore_progress
 
 Estimator: TypeAlias = Literal["approx", "e"]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -86,7 +86,7 @@ def maximal_information_matrix(
     c: float = 15,
     estimator: Estimator = "approx",
     threads: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = ignore_progress,
 ) -> FloatArray:
     """Maximal information coefficients of every two columns of a table (paper, Fig. 20).
 
@@ -98,8 +98,8 @@ def maximal_information_matrix(
         As in `maximal_information_coefficient`.
     threads : int
         Pairs computed at the same time. The values do not depend on it.
-    progress : callable, optional
-        Called with the number of pairs done and of all pairs.
+    progress : Progress
+        Called with the stage "dependence", pairs done, and all pairs.
 
     Returns
     -------
@@ -137,8 +137,7 @@ def maximal_information_matrix(
             zip(pairs, pool.map(coefficient, pairs), strict=True), start=1
         ):
             result[i, j] = result[j, i] = value
-            if progress is not None:
-                progress(done, len(pairs))
+            progress("dependence", done, len(pairs))
     return result
 
 
