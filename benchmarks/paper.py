@@ -13,8 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
-from exposight.paper import StudyResult, StudySettings, run_study
-from exposight.paper.campaigns import CAMPAIGNS, campaign_plan
+from exposight.paper import CAMPAIGNS, StudyResult, StudySettings, campaign_plan, run_study
 from exposight.twin.campaign import CellSettings, simulate_observations
 from exposight.twin.part import door
 
@@ -39,17 +38,17 @@ def warm_up() -> None:
             simulate_observations(replace(plan, planes=(single,)), cell)
 
 
-def _row(result: StudyResult, rung: str, role: str) -> tuple[float | None, float | None]:
-    """Return R² and RMSE of a rung's first line with this role, in percent, and percent or ms."""
+def _row(result: StudyResult, variant: str, role: str) -> tuple[float | None, float | None]:
+    """Return R² and RMSE, in percent or ms, of a variant's first line with this role."""
     for row in result.tables.scores:
-        if (row.rung, row.role) == (rung, role):
+        if (row.variant, row.role) == (variant, role):
             return row.r2_percent, row.rmse
     return None, None
 
 
-def _coverage(result: StudyResult, rung: str, role: str) -> float | None:
+def _coverage(result: StudyResult, variant: str, role: str) -> float | None:
     for row in result.tables.scores:
-        if (row.rung, row.role) == (rung, role) and row.coverage_2sigma_percent is not None:
+        if (row.variant, row.role) == (variant, role) and row.coverage_2sigma_percent is not None:
             return row.coverage_2sigma_percent / 100
     return None
 
@@ -58,7 +57,7 @@ def unseen(result: StudyResult) -> list[Figure]:
     """Return how models do on unseen features, exposure models on those inside their range."""
     figures = []
     for prefix, suffix in (("", ""), ("s2_", "_s2")):
-        for short, rung, role, unit in (
+        for short, variant, role, unit in (
             ("q4", "q_k4", "test", "percent"),
             ("q1", "q_k1", "test", "percent"),
             ("e6", "e_k6", "test_inside", "ms"),
@@ -67,7 +66,7 @@ def unseen(result: StudyResult) -> list[Figure]:
         ):
             if prefix and short == "elin":  # the paper has no linear model of the stereo sensor
                 continue
-            r2, error = _row(result, f"{rung}{suffix}", role)
+            r2, error = _row(result, f"{variant}{suffix}", role)
             r2_name = f"{prefix}{short}_test_r2_percent"
             rmse_name = f"{prefix}{short}_test_rmse_{unit}"
             figures += _marked(rmse_name, error, "%" if unit == "percent" else unit)

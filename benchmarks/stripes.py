@@ -27,11 +27,15 @@ from exposight.observing import (
     view_features,
 )
 from exposight.observing.brightness import RingBrightness, ring_brightness
-from exposight.paper import StudySettings
-from exposight.paper.campaigns import CAMPAIGNS, campaign_plan
-from exposight.paper.datasets import DATASETS, build_dataset
-from exposight.paper.ladder import LADDER
-from exposight.paper.scores import score_rung
+from exposight.paper import (
+    CAMPAIGNS,
+    DATASETS,
+    VARIANTS,
+    StudySettings,
+    build_dataset,
+    campaign_plan,
+    score_variant,
+)
 from exposight.plans import MeasuringPlan, PlannedView, views
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import door
@@ -41,7 +45,7 @@ from exposight.workers import LocalProcesses
 _WORKERS = 2
 _SETTINGS = StudySettings(sensors=("structured-light",), quick=True)
 _CAMPAIGNS = ("inside", "finer")
-"""Campaigns that the judged rungs learn from and are judged by."""
+"""Campaigns that the judged variants learn from and are judged by."""
 
 _JUDGED = (
     ("q1", "q_k1", "test", "percent"),
@@ -49,7 +53,7 @@ _JUDGED = (
     ("e1", "e_k1", "test", "ms"),
     ("e6", "e_k6", "test_inside", "ms"),
 )
-"""Short name, rung, which unseen features judge it, and the unit of its RMSE."""
+"""Short name, variant, which unseen features judge it, and the unit of its RMSE."""
 
 Rings: TypeAlias = Mapping[int, RingBrightness]
 """One ring in one capture: its grey values in several frames, by their numbers."""
@@ -123,7 +127,7 @@ def observe(name: str) -> dict[str, ObservationTable]:
 
 
 def judge(task: tuple[str, Mapping[str, ObservationTable]]) -> list[Figure]:
-    """Train the judged rungs on what a reading observed, and judge them on unseen features.
+    """Train the judged variants on what a reading observed, and judge them on unseen features.
 
     Parameters
     ----------
@@ -136,17 +140,19 @@ def judge(task: tuple[str, Mapping[str, ObservationTable]]) -> list[Figure]:
         for own in DATASETS
         if own.sensor in _SETTINGS.sensors
     }
-    rungs = {rung.name: rung for rung in LADDER}
+    variants = {variant.name: variant for variant in VARIANTS}
     figures = []
     for short, name, role, unit in _JUDGED:
-        rung = rungs[name]
-        rows = datasets[rung.dataset].train
+        variant = variants[name]
+        rows = datasets[variant.dataset].train
         if rows is None:
-            msg = f"dataset {rung.dataset} has no training side"
+            msg = f"dataset {variant.dataset} has no training side"
             raise RuntimeError(msg)
-        model = train(rung.specification, rows, seed=_SETTINGS.seed, restarts=1)
+        model = train(variant.specification, rows, seed=_SETTINGS.seed, restarts=1)
         (score,) = (
-            own.score for own in score_rung(rung, model, datasets) if own.evaluation.role == role
+            own.score
+            for own in score_variant(variant, model, datasets)
+            if own.evaluation.role == role
         )
         if score is None:
             msg = f"no unseen observation judges {name}"
@@ -154,7 +160,7 @@ def judge(task: tuple[str, Mapping[str, ObservationTable]]) -> list[Figure]:
         rmse = 100.0 * score.rmse if unit == "percent" else score.rmse
         figures += [
             Figure(name=f"{reading}_{short}_r2_percent", value=score.r2_percent, unit="%"),
-            Figure(name=f"{reading}_{short}_rmse_{unit}", value=rmse, unit=rung.unit),
+            Figure(name=f"{reading}_{short}_rmse_{unit}", value=rmse, unit=variant.unit),
         ]
     return figures
 

@@ -81,7 +81,7 @@ def test_the_document_has_scores_and_findings(first):
     assert first["findings_true"] + first["findings_false"] + first["findings_open"] == len(
         first["findings"]
     )
-    lines = {(row["rung"], row["role"]): row for row in first["scores"] if row["n"]}
+    lines = {(row["variant"], row["role"]): row for row in first["scores"] if row["n"]}
     assert lines["q_k4", "test"]["paper_rmse"] == 10.49
     assert lines["e_k1", "test"]["r2_percent"] < 100
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from exposight.observing import Observation, ObservationTable
-from exposight.paper.collection import CAMPAIGNS
+from exposight.paper.campaigns import CAMPAIGNS
 
 EXPOSURES_MS = (5.0, 10.0, 20.0, 40.0, 80.0)
 

@@ -7,17 +7,17 @@ import pytest
 
 from exposight.paper import DependenceMatrix, Finding, LearningCurve, LearningStep, ScoreRow
 from exposight.paper.findings import judge, statements
-from exposight.paper.result import SENSOR_KINDS
+from exposight.paper.results import SENSOR_KINDS
 from exposight.paper.special_findings import Evidence
 
-NOTHING = Evidence(datasets={}, rungs={}, dependence={}, learning={})
+NOTHING = Evidence(datasets={}, variants={}, dependence={}, learning={})
 
 
-def row(rung: str, dataset: str, rmse: float, r2: float = 90.0) -> ScoreRow:
+def row(variant: str, dataset: str, rmse: float, r2: float = 90.0) -> ScoreRow:
     return ScoreRow(
         table=2,
-        rung=rung,
-        rung_title="",
+        variant=variant,
+        variant_title="",
         trained_on="X",
         n_train=1,
         dataset=dataset,
@@ -134,16 +134,18 @@ def test_dependence_of_brightness_leads() -> None:
     values[0, 2] = values[2, 0] = 0.9
     values[0, 5] = values[5, 0] = 0.3
     matrix = DependenceMatrix(dataset="X", columns=columns, values=values)
-    evidence = Evidence(datasets={}, rungs={}, dependence={"structured-light": matrix}, learning={})
+    evidence = Evidence(
+        datasets={}, variants={}, dependence={"structured-light": matrix}, learning={}
+    )
     finding = judged("brightness-matters-most", [], evidence)
     assert finding.figure == pytest.approx(0.6)
 
 
-def curve(rung: str, errors: dict[int, float]) -> LearningCurve:
+def curve(variant: str, errors: dict[int, float]) -> LearningCurve:
     from exposight.statistics import RegressionScore
 
     return LearningCurve(
-        rung=rung,
+        variant=variant,
         dataset="X_test",
         role="test",
         steps=tuple(
@@ -167,7 +169,7 @@ def curve(rung: str, errors: dict[int, float]) -> LearningCurve:
 def test_learning_with_half_of_the_rows_is_compared_with_all() -> None:
     evidence = Evidence(
         datasets={},
-        rungs={},
+        variants={},
         dependence={},
         learning={"q_k4": curve("q_k4", {25: 0.3, 100: 0.22, 201: 0.2})},
     )

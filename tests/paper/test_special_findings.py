@@ -9,27 +9,27 @@ import pytest
 
 from exposight.models import Evaluation, ModelPrediction
 from exposight.observing import ObservationTable
-from exposight.paper import Dataset, EvaluationRole, RungEvaluation, Score, TrainedRung
-from exposight.paper.ladder import LADDER
+from exposight.paper import Dataset, EvaluationRole, EvaluationSet, Score, TrainedVariant
 from exposight.paper.special_findings import SPECIAL_FIGURES, Evidence
+from exposight.paper.variants import VARIANTS
 from exposight.statistics import score
 
 Observe = Callable[..., ObservationTable]
 
 
 def predicted(
-    rung: str, lines: dict[str, tuple[ObservationTable, np.ndarray]], role: EvaluationRole
-) -> TrainedRung:
-    """Return a rung that errs by these errors on these rows, by dataset; it has no model."""
-    own = next(own for own in LADDER if own.name == rung)
+    variant: str, lines: dict[str, tuple[ObservationTable, np.ndarray]], role: EvaluationRole
+) -> TrainedVariant:
+    """Return a variant that errs by these errors on these rows, by dataset; it has no model."""
+    own = next(own for own in VARIANTS if own.name == variant)
     scores = []
     for dataset, (table, error) in lines.items():
         observed = own.specification.data(table)[1]
         mean = observed + error
         scores.append(
             Score(
-                rung=rung,
-                evaluation=RungEvaluation(
+                variant=variant,
+                evaluation=EvaluationSet(
                     table=2, dataset=dataset, role=role, paper_dataset="", paper_features=""
                 ),
                 result=Evaluation(
@@ -46,13 +46,15 @@ def predicted(
                 relative_error_percent=None,
             )
         )
-    return TrainedRung(rung=own, model=None, path=Path("model"), scores=tuple(scores))
+    return TrainedVariant(variant=own, model=None, path=Path("model"), scores=tuple(scores))
 
 
-def figure(name: str, *rungs: TrainedRung, datasets: dict[str, Dataset] | None = None) -> float:
+def figure(
+    name: str, *variants: TrainedVariant, datasets: dict[str, Dataset] | None = None
+) -> float:
     evidence = Evidence(
         datasets=datasets or {},
-        rungs={own.rung.name: own for own in rungs},
+        variants={own.variant.name: own for own in variants},
         dependence={},
         learning={},
     )
@@ -79,26 +81,26 @@ def test_slopes_err_three_times_as_much(observe: Observe) -> None:
     table = observe(["f1_test"])
     i_avg = table.array(["i_avg"])[:, 0]
     error = np.where((i_avg >= 30) & (i_avg <= 110), 0.1, -0.3)
-    rung = predicted("q_k4", {"X_test": (table, error)}, "test")
-    assert figure("slopes_over_plateau", rung) == pytest.approx(3.0)
+    variant = predicted("q_k4", {"X_test": (table, error)}, "test")
+    assert figure("slopes_over_plateau", variant) == pytest.approx(3.0)
 
 
 def test_the_far_plane_errs_twice_as_much(observe: Observe) -> None:
     table = observe(["f1_test"])
     error = np.where(table.array(["z_mm"])[:, 0] > 75, 8.0, 4.0)
-    rung = predicted("e_k6", {"eX_test": (table, error)}, "test_inside")
-    assert figure("far_over_nearer", rung) == pytest.approx(2.0)
+    variant = predicted("e_k6", {"eX_test": (table, error)}, "test_inside")
+    assert figure("far_over_nearer", variant) == pytest.approx(2.0)
 
 
 def test_small_features_err_twice_as_much(observe: Observe) -> None:
     table = observe([f"f{i}" for i in range(1, 10)])  # radii 3 to 11 mm
     error = np.where(table.array(["radius_mm"])[:, 0] < 10, 0.2, 0.1)
-    rung = predicted("q_k4_s2", {"s2_X_test": (table, error)}, "test")
-    assert figure("small_over_large", rung) == pytest.approx(2.0)
+    variant = predicted("q_k4_s2", {"s2_X_test": (table, error)}, "test")
+    assert figure("small_over_large", variant) == pytest.approx(2.0)
 
 
 @pytest.fixture
-def lit(observe: Observe) -> TrainedRung:
+def lit(observe: Observe) -> TrainedVariant:
     """Errs by 5 ms in lighting I, 7 in II, 8 in III; II lacks a row."""
     table = observe(["f1_test", "f2_test"], views=1)
     fewer = ObservationTable(frame=table.frame[1:])
@@ -113,7 +115,7 @@ def lit(observe: Observe) -> TrainedRung:
     )
 
 
-def test_drift_is_the_mean_error_beyond_that_in_known_light(lit: TrainedRung) -> None:
+def test_drift_is_the_mean_error_beyond_that_in_known_light(lit: TrainedVariant) -> None:
     assert figure("lighting_drift_least", lit) == pytest.approx(2.0)
     assert figure("lighting_drift_most", lit) == pytest.approx(3.0)
 

@@ -43,9 +43,15 @@ def result(folder: Path, settings: StudySettings) -> StudyResult:
     return run_study(folder, settings)
 
 
-def test_all_rungs_are_there(result: StudyResult) -> None:
-    assert [own.rung.name for own in result.rungs[:5]] == ["q_k1", "q_k2", "q_k3", "q_k4", "q_k6"]
-    assert len(result.rungs) == 21
+def test_all_variants_are_there(result: StudyResult) -> None:
+    assert [own.variant.name for own in result.variants[:5]] == [
+        "q_k1",
+        "q_k2",
+        "q_k3",
+        "q_k4",
+        "q_k6",
+    ]
+    assert len(result.variants) == 21
 
 
 def test_all_datasets_are_there(result: StudyResult) -> None:
@@ -57,12 +63,12 @@ def test_all_tables_have_lines(result: StudyResult) -> None:
 
 
 def test_scores_are_those_of_the_lines_rows(result: StudyResult) -> None:
-    score = result.rung("q_k4").score("test")
+    score = result.variant("q_k4").score("test")
     assert score.score.n == len(result.dataset("X_test").table)
 
 
 def test_the_split_by_view_judges_a_model_that_has_not_seen_the_view(result: StudyResult) -> None:
-    score = result.rung("q_k4").score("validation_by_view")
+    score = result.variant("q_k4").score("validation_by_view")
     unseen = set(score.result.table.names("view"))
     assert not unseen & set(result.dataset("X").train_by_view.names("view"))
 
@@ -79,7 +85,7 @@ def test_dependence_is_of_both_sensors(result: StudyResult) -> None:
 
 
 def test_models_know_what_they_learnt_from(result: StudyResult) -> None:
-    provenance = result.rung("e_k6").model.provenance
+    provenance = result.variant("e_k6").model.provenance
     assert provenance.observations == "the study's dataset eX_plusplus, training side"
 
 
@@ -102,7 +108,7 @@ def test_a_damaged_model_is_trained_again(
     settings: StudySettings,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    path = result.rung("q_k1").path
+    path = result.variant("q_k1").path
     whole = path.read_bytes()
     path.write_bytes(whole[:-200] + b"\0" * 100 + whole[-100:])
     again = run_study(folder, settings)
@@ -195,9 +201,9 @@ def test_settings_that_cannot_be_are_refused(wrong: dict[str, object], message: 
         StudySettings(**wrong)
 
 
-def test_an_unknown_rung_is_refused(result: StudyResult) -> None:
-    with pytest.raises(InputError, match="no rung 'q_k5'; it has q_k1, q_k2"):
-        result.rung("q_k5")
+def test_an_unknown_variant_is_refused(result: StudyResult) -> None:
+    with pytest.raises(InputError, match="no variant 'q_k5'; it has q_k1, q_k2"):
+        result.variant("q_k5")
 
 
 def test_an_unknown_dataset_is_refused(result: StudyResult) -> None:
@@ -205,6 +211,6 @@ def test_an_unknown_dataset_is_refused(result: StudyResult) -> None:
         result.dataset("Y")
 
 
-def test_a_score_that_a_rung_has_not_is_refused(result: StudyResult) -> None:
-    with pytest.raises(InputError, match="rung 'q_k1' has no score 'test_inside'"):
-        result.rung("q_k1").score("test_inside")
+def test_a_score_that_a_variant_has_not_is_refused(result: StudyResult) -> None:
+    with pytest.raises(InputError, match="variant 'q_k1' has no score 'test_inside'"):
+        result.variant("q_k1").score("test_inside")

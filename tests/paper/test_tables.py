@@ -12,20 +12,27 @@ import pytest
 from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuadratic
 from exposight.models import Evaluation, FitSummary, ModelPrediction, Provenance, TrainedModel
 from exposight.observing import ObservationTable
-from exposight.paper import Dataset, Rung, Score, ScoreRow, TrainedRung, table_csv
-from exposight.paper.ladder import LADDER
-from exposight.paper.tables import dataset_rows, hyperparameter_rows, score_rows
+from exposight.paper import Dataset, Score, ScoreRow, TrainedVariant, Variant, table_csv
+from exposight.paper.tables import (
+    dataset_rows,
+    hyperparameter_rows,
+    published_datasets,
+    published_hyperparameters,
+    published_scores,
+    score_rows,
+)
+from exposight.paper.variants import VARIANTS
 from exposight.statistics import score
 
 THREE = 3
 
 
-def rung(name: str) -> Rung:
-    return next(own for own in LADDER if own.name == name)
+def variant(name: str) -> Variant:
+    return next(own for own in VARIANTS if own.name == name)
 
 
-def model_of(own: Rung, at_bound: tuple[str, ...]) -> TrainedModel:
-    """A model of a rung, with hyperparameters chosen by hand."""
+def model_of(own: Variant, at_bound: tuple[str, ...]) -> TrainedModel:
+    """A model of a variant, with hyperparameters chosen by hand."""
     inputs = len(own.specification.inputs)
     kernel = (
         RationalQuadratic(
@@ -65,9 +72,9 @@ def trained(
     *,
     std: float = 0.15,
     at_bound: tuple[str, ...] = (),
-) -> TrainedRung:
-    """A rung whose one line under ``test`` has these predictions; without any, no rows."""
-    own = rung(name)
+) -> TrainedVariant:
+    """A variant whose one line under ``test`` has these predictions; without any, no rows."""
+    own = variant(name)
     line = next(own for own in own.evaluations if own.role == "test")
     result = None
     if observed is not None and predicted is not None:
@@ -83,16 +90,18 @@ def trained(
             score_inside=None,
         )
     found = Score(
-        rung=name,
+        variant=name,
         evaluation=line,
         result=result,
         score=result.score if result else None,
         relative_error_percent=None,
     )
-    return TrainedRung(rung=own, model=model_of(own, at_bound), path=Path("model"), scores=(found,))
+    return TrainedVariant(
+        variant=own, model=model_of(own, at_bound), path=Path("model"), scores=(found,)
+    )
 
 
-def the_row(own: TrainedRung) -> ScoreRow:
+def the_row(own: TrainedVariant) -> ScoreRow:
     (row,) = score_rows([own])
     return row
 
@@ -219,7 +228,7 @@ def test_an_empty_dataset_has_no_ranges(x: Dataset) -> None:
 def test_csv_gives_the_same_numbers_back(quality: ScoreRow) -> None:
     (record,) = csv.DictReader(io.StringIO(table_csv([quality]).decode()))
     assert float(record["rmse"]) == quality.rmse
-    assert record["rung"] == "q_k4"
+    assert record["variant"] == "q_k4"
 
 
 def test_csv_leaves_empty_what_there_is_not() -> None:
@@ -230,3 +239,45 @@ def test_csv_leaves_empty_what_there_is_not() -> None:
 def test_csv_splits_ranges(x: Dataset) -> None:
     record, *_ = csv.DictReader(io.StringIO(table_csv(dataset_rows(x)).decode()))
     assert (record["paper_z_mm_low"], record["paper_z_mm_high"]) == ("-188.0", "-149.0")
+
+
+def test_table_2_gives_the_four_inputs_on_unseen_features() -> None:
+    score = published_scores()["q_k4", "X4_test", "f1-4_test"]
+    assert (score.table, score.r2_percent, score.mse, score.rmse) == (2, 92.74, 0.011, 10.49)
+
+
+def test_table_8_gives_the_product_of_both_variances() -> None:
+    assert published_hyperparameters()["e_k6", "variance", ""] == 66 * 331
+
+
+def test_table_9_gives_counts_and_ranges() -> None:
+    near = published_datasets()["X near"]
+    assert (near.n, near.ranges["z_mm"]) == (390, (-188.0, -149.0))
+
+
+def test_table_9_says_how_many_train() -> None:
+    known = {name: own.n_train for name, own in published_datasets().items() if own.n_train}
+    assert known == {"X": 912, "eX": 421, "eX_plus": 758, "eX_plusplus": 1936, "s2_X": 2693}
+
+
+def test_every_line_of_the_papers_tables_has_its_variant() -> None:
+    ours = {
+        (variant.name, line.paper_dataset, line.paper_features)
+        for variant in VARIANTS
+        for line in variant.evaluations
+    }
+    assert set(published_scores()) <= ours
+
+
+def test_every_line_stands_in_the_papers_table() -> None:
+    published = published_scores()
+    for variant in VARIANTS:
+        for line in variant.evaluations:
+            score = published.get((variant.name, line.paper_dataset, line.paper_features))
+            assert score is None or score.table == line.table
+
+
+def test_every_variant_has_hyperparameters_in_table_8() -> None:
+    assert {variant.name for variant in VARIANTS} == {
+        variant for variant, _, _ in published_hyperparameters()
+    }

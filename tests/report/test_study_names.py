@@ -22,7 +22,7 @@ def test_unseen_features_are_told_without_colour():
     assert feature_style("f1_test").symbol == "circle-open"
 
 
-def test_rungs_are_called_as_in_the_paper():
+def test_variants_are_called_as_in_the_paper():
     assert model_name("e_k6_plusplus") == "<sup>e</sup><i>k</i><sub>6</sub><sup>++</sup>"
     assert model_name("q_k4_s2") == "<sup>q</sup><i>k</i><sub>4</sub><sup>s₂</sup>"
     assert model_name("<b>") == "&lt;b&gt;"

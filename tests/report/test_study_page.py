@@ -10,8 +10,7 @@ import pytest
 
 from exposight.models import model_named, train
 from exposight.observing import Observation, ObservationTable
-from exposight.paper.figure_data import StudyFigure, study_figures
-from exposight.paper.result import (
+from exposight.paper import (
     Dataset,
     DatasetRow,
     DependenceMatrix,
@@ -19,12 +18,14 @@ from exposight.paper.result import (
     HyperparameterRow,
     LearningCurve,
     LearningStep,
-    Rung,
     ScoreRow,
+    StudyFigure,
     StudyResult,
     StudySettings,
     StudyTables,
-    TrainedRung,
+    TrainedVariant,
+    Variant,
+    study_figures,
 )
 from exposight.report.study import study_report, write_study
 from exposight.report.study.figures import drawn_figures
@@ -89,7 +90,7 @@ def dataset(name, table, p_norm_min=None):
 
 def trained(name, data):
     model = train(model_named(name), data.table, seed=1, restarts=1)
-    rung = Rung(
+    variant = Variant(
         name=name,
         title=name,
         sensor=SL,
@@ -97,13 +98,13 @@ def trained(name, data):
         dataset=data.name,
         evaluations=(),
     )
-    return TrainedRung(rung=rung, model=model, path=Path(name), scores=())
+    return TrainedVariant(variant=variant, model=model, path=Path(name), scores=())
 
 
 LINE = ScoreRow(
     table=2,
-    rung="q_k4",
-    rung_title="quality, 4D",
+    variant="q_k4",
+    variant_title="quality, 4D",
     trained_on="X",
     n_train=1912,
     dataset="X4_test",
@@ -167,12 +168,12 @@ def study():
         exposight_version="0",
         campaigns=("inside: 6 views, 30 captures, simulated",),
         datasets=(x, dataset("X_test", unseen), ex, dataset("eX_test", unseen, 0.75)),
-        rungs=(trained("q_k4", x), trained("e_k6", ex)),
+        variants=(trained("q_k4", x), trained("e_k6", ex)),
         tables=StudyTables(
             scores=(LINE, NO_ROWS),
             hyperparameters=(
                 HyperparameterRow(
-                    rung="q_k4", parameter="length_scale_0", symbol="ℓ", input="i_avg",
+                    variant="q_k4", parameter="length_scale_0", symbol="ℓ", input="i_avg",
                     unit="grey levels", value=1.23456789, paper_value=1.06, at_bound=True,
                 ),
             ),
@@ -186,7 +187,7 @@ def study():
         ),
         dependence=(DependenceMatrix(dataset="X", columns=columns, values=np.eye(3)),),
         learning_curves=(
-            LearningCurve(rung="q_k4", dataset="X_test", role="test", steps=(step,)),
+            LearningCurve(variant="q_k4", dataset="X_test", role="test", steps=(step,)),
         ),
         findings=(
             FINDING,
@@ -313,8 +314,8 @@ def test_a_figure_that_the_study_cannot_show_says_why(page):
 )  # fmt: skip
 def test_the_summary_says_whether_position_helps(study, first, second, told):
     lines = tuple(
-        replace(LINE, table=2, rung=rung, role="test", unit="%", rmse=rmse, paper_rmse=paper)
-        for rung, rmse, paper in (("q_k1", first, 18.4), ("q_k4", second, 10.5))
+        replace(LINE, table=2, variant=variant, role="test", unit="%", rmse=rmse, paper_rmse=paper)
+        for variant, rmse, paper in (("q_k1", first, 18.4), ("q_k4", second, 10.5))
     )
     tables = replace(study.tables, scores=lines)
     text = re.sub(r"<[^>]+>", "", summary_html(replace(study, tables=tables)))
@@ -362,7 +363,7 @@ def test_progress_is_told(study, tmp_path):
 
 
 def test_a_table_with_both_targets_is_shown_in_two(study):
-    both = replace(LINE, table=4), replace(LINE, table=4, rung="e_k6", unit="ms")
+    both = replace(LINE, table=4), replace(LINE, table=4, variant="e_k6", unit="ms")
     page = study_report(replace(study, tables=replace(study.tables, scores=both)), ())
     assert '<table id="table-4-quality"' in page
     assert '<table id="table-4-exposure-time"' in page

@@ -19,13 +19,12 @@ from exposight.cli.output import (
     progress_bars,
 )
 from exposight.errors import FileError, MissingFileError, did_you_mean
-from exposight.paper.result import SENSOR_KINDS, SensorKind, StudySettings
-from exposight.paper.study import run_study
+from exposight.paper import SENSOR_KINDS, SensorKind, StudySettings, run_study
 from exposight.report.study import write_study
 from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
-    from exposight.paper.result import ScoreRow, StudyResult
+    from exposight.paper import ScoreRow, StudyResult
     from exposight.report.study import StudyFiles
 
 _CORES = usual_workers()
@@ -92,7 +91,7 @@ def reproduce_command(
     """Repeat the paper's study, and hold it against the published numbers.
 
     Measures the paper's datasets in a simulated cell (or reads recorded ones),
-    trains its ladder of models, and writes report.html with its tables and
+    trains its model variants, and writes report.html with its tables and
     figures beside the paper's. What is measured or trained is kept: run it
     again after an interruption and it goes on. The same seed gives the same
     report, to the last byte.
@@ -166,9 +165,9 @@ def _document(result: StudyResult, written: StudyFiles) -> dict[str, object]:
 def _print(result: StudyResult, written: StudyFiles) -> None:
     rows = [
         _cells(row)
-        for rung, role in _SHOWN
+        for variant, role in _SHOWN
         for row in result.tables.scores
-        if (row.rung, row.role) == (rung, role) and row.table in {2, 3, 5}
+        if (row.variant, row.role) == (variant, role) and row.table in {2, 3, 5}
     ]
     print_line("")
     print_table(
@@ -195,7 +194,7 @@ def _print(result: StudyResult, written: StudyFiles) -> None:
 
 def _cells(row: ScoreRow) -> tuple[str, ...]:
     return (
-        row.rung,
+        row.variant,
         _ROLES[row.role],
         count(row.n),
         _fixed(row.r2_percent),

@@ -15,7 +15,7 @@ import polars as pl
 
 from exposight.models import P_NORM_MIN
 from exposight.observing import ObservationTable
-from exposight.paper.result import Dataset, SensorKind
+from exposight.paper.results import Dataset, SensorKind
 from exposight.statistics import Split, inside_box, random_split, split_by_group
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exposight.paper.result import StudySettings
+    from exposight.paper.results import StudySettings
 
 
 TRAINING: Final = ("f1", "f2", "f3", "f4")

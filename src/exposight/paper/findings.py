@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from exposight.errors import FormatError
-from exposight.paper.published import published_scores
-from exposight.paper.result import Finding, SensorKind
+from exposight.paper.results import Finding, SensorKind
 from exposight.paper.special_findings import SPECIAL_FIGURES
+from exposight.paper.tables import published_scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from exposight.paper.result import ScoreRow
+    from exposight.paper.results import ScoreRow
     from exposight.paper.special_findings import Evidence
 
 
@@ -39,7 +39,7 @@ class Statement(BaseModel):
     Parameters
     ----------
     first, second : tuple of str
-        Scores, as "rung dataset features figure".
+        Scores, as "variant dataset features figure".
     combine : {'value', 'ratio', 'difference'}
         Of each of `first` with its counterpart in `second`.
     pick : {'max', 'min'}
@@ -159,11 +159,11 @@ def judge(
     tuple of Finding
         In the paper's order.
     """
-    ours = {(row.rung, row.dataset, row.features): row for row in rows}
+    ours = {(row.variant, row.dataset, row.features): row for row in rows}
 
     def lookup(name: str) -> float | None:
-        rung, dataset, features, figure = name.split()
-        row = ours.get((rung, dataset, features))
+        variant, dataset, features, figure = name.split()
+        row = ours.get((variant, dataset, features))
         return None if row is None else _of_row(row, figure)
 
     asked = set(sensors)
@@ -213,8 +213,8 @@ def _of_row(row: ScoreRow, figure: str) -> float | None:
 
 def _paper_figure(name: str) -> float | None:
     """Return the paper's own figure; None where it does not print it."""
-    rung, dataset, features, figure = name.split()
-    score = published_scores().get((rung, dataset, features))
+    variant, dataset, features, figure = name.split()
+    score = published_scores().get((variant, dataset, features))
     if score is None:
         return None
     match figure:

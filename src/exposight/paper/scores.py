@@ -1,4 +1,4 @@
-"""Trained rungs held against every set of rows that the paper judges them by."""
+"""Trained variants held against every set of rows that the paper judges them by."""
 
 from __future__ import annotations
 
@@ -11,57 +11,59 @@ from exposight.errors import ObservationError
 from exposight.gp import GaussianProcess
 from exposight.models import Evaluation, TrainedModel, evaluate
 from exposight.paper.datasets import inside_range
-from exposight.paper.result import Score
+from exposight.paper.results import Score
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from exposight.observing import ObservationTable
-    from exposight.paper.result import Dataset, Rung, RungEvaluation
+    from exposight.paper.results import Dataset, EvaluationSet, Variant
 
 
-def score_rung(
-    rung: Rung, model: TrainedModel, datasets: Mapping[str, Dataset]
+def score_variant(
+    variant: Variant, model: TrainedModel, datasets: Mapping[str, Dataset]
 ) -> tuple[Score, ...]:
-    """Judge a trained rung by all its lines.
+    """Judge a trained variant by all its lines.
 
     Parameters
     ----------
-    rung : Rung
+    variant : Variant
         What it is.
     model : TrainedModel
-        Trained on ``datasets[rung.dataset].train``.
+        Trained on ``datasets[variant.dataset].train``.
     datasets : mapping of str to Dataset
         All datasets by name.
 
     Returns
     -------
     tuple of Score
-        In the order of ``rung.evaluations``.
+        In the order of ``variant.evaluations``.
     """
-    own = datasets[rung.dataset]
+    own = datasets[variant.dataset]
     train = _known(own.train, own)
     by_view: TrainedModel | None = None
     scores = []
-    for line in rung.evaluations:
+    for line in variant.evaluations:
         judged = model
         if line.role == "validation_by_view":
             if by_view is None:
                 by_view = reconditioned(model, _known(own.train_by_view, own))
             judged = by_view
         rows = _rows(line, datasets, train)
-        scores.append(score_on(rung.name, line, judged, rows))
+        scores.append(score_on(variant.name, line, judged, rows))
     return tuple(scores)
 
 
-def score_on(rung: str, line: RungEvaluation, model: TrainedModel, rows: ObservationTable) -> Score:
+def score_on(
+    variant: str, line: EvaluationSet, model: TrainedModel, rows: ObservationTable
+) -> Score:
     """Judge a model by rows.
 
     Parameters
     ----------
-    rung : str
+    variant : str
         Its name.
-    line : RungEvaluation
+    line : EvaluationSet
         What the rows are.
     model : TrainedModel
         To be judged.
@@ -75,11 +77,11 @@ def score_on(rung: str, line: RungEvaluation, model: TrainedModel, rows: Observa
     """
     if len(model.specification.rows(rows)) == 0:
         return Score(
-            rung=rung, evaluation=line, result=None, score=None, relative_error_percent=None
+            variant=variant, evaluation=line, result=None, score=None, relative_error_percent=None
         )
     result = evaluate(model, rows)
     return Score(
-        rung=rung,
+        variant=variant,
         evaluation=line,
         result=result,
         score=result.score,
@@ -108,7 +110,7 @@ def reconditioned(model: TrainedModel, rows: ObservationTable) -> TrainedModel:
 
 
 def _rows(
-    line: RungEvaluation, datasets: Mapping[str, Dataset], train: ObservationTable
+    line: EvaluationSet, datasets: Mapping[str, Dataset], train: ObservationTable
 ) -> ObservationTable:
     dataset = datasets[line.dataset]
     match line.role:

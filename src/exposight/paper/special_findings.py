@@ -14,14 +14,14 @@ import numpy as np
 import polars as pl
 
 from exposight.paper.datasets import OUTSIDE, POSE, inside_range
-from exposight.paper.result import Dataset, SensorKind, TrainedRung
+from exposight.paper.results import Dataset, SensorKind, TrainedVariant
 from exposight.statistics import r2, rmse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.models import Evaluation
-    from exposight.paper.result import DependenceMatrix, LearningCurve
+    from exposight.paper.results import DependenceMatrix, LearningCurve
 
 
 _PLATEAU = (30.0, 110.0)
@@ -43,16 +43,16 @@ class Evidence:
     ----------
     datasets : mapping of str to Dataset
         By name; where a campaign is missing, empty.
-    rungs : mapping of str to TrainedRung
+    variants : mapping of str to TrainedVariant
         By name; absent where nothing could be learnt.
     dependence : mapping of str to DependenceMatrix
         By sensor.
     learning : mapping of str to LearningCurve
-        By rung.
+        By variant.
     """
 
     datasets: Mapping[str, Dataset]
-    rungs: Mapping[str, TrainedRung]
+    variants: Mapping[str, TrainedVariant]
     dependence: Mapping[str, DependenceMatrix]
     learning: Mapping[str, LearningCurve]
 
@@ -85,9 +85,9 @@ def _quality_half(evidence: Evidence, _: SensorKind) -> float | None:
     return _cost_of_fewer(evidence, "q_k4", 2)
 
 
-def _cost_of_fewer(evidence: Evidence, rung: str, divisor: int) -> float | None:
-    """RMSE of a rung trained on a fraction of the rows over that of all."""
-    curve = evidence.learning.get(rung)
+def _cost_of_fewer(evidence: Evidence, variant: str, divisor: int) -> float | None:
+    """RMSE of a variant trained on a fraction of the rows over that of all."""
+    curve = evidence.learning.get(variant)
     if curve is None or not curve.steps:
         return None
     last = curve.steps[-1]
@@ -102,7 +102,7 @@ def _quality_eighth(evidence: Evidence, _: SensorKind) -> float | None:
 
 
 def _exposure_needs_more(evidence: Evidence, _: SensorKind) -> float | None:
-    exposure, quality = (_cost_of_fewer(evidence, rung, 2) for rung in ("e_k6", "q_k4"))
+    exposure, quality = (_cost_of_fewer(evidence, variant, 2) for variant in ("e_k6", "q_k4"))
     return None if exposure is None or quality is None else exposure / quality
 
 
@@ -121,7 +121,7 @@ def _linear_at_one_place(evidence: Evidence, sensor: SensorKind) -> float | None
 
 def _more_features_gain(evidence: Evidence, _: SensorKind) -> float | None:
     """Both models on the same rows: those inside the range of the nine features."""
-    four, nine = (evidence.rungs.get(name) for name in ("e_k4", "e_k4_plus"))
+    four, nine = (evidence.variants.get(name) for name in ("e_k4", "e_k4_plus"))
     plus, test = evidence.datasets.get("eX_plus"), evidence.datasets.get("eX_test")
     if four is None or nine is None or plus is None or plus.train is None or test is None:
         return None
@@ -129,7 +129,9 @@ def _more_features_gain(evidence: Evidence, _: SensorKind) -> float | None:
     if len(inside) == 0:
         return None
     errors = (
-        rmse(trained.rung.specification.data(inside)[1], trained.model.predict_table(inside).mean)
+        rmse(
+            trained.variant.specification.data(inside)[1], trained.model.predict_table(inside).mean
+        )
         for trained in (four, nine)
     )
     return next(errors) / next(errors)
@@ -144,14 +146,16 @@ def _far_over_nearer(evidence: Evidence, _: SensorKind) -> float | None:
 
 
 def _left_over_right(evidence: Evidence, _: SensorKind) -> float | None:
-    trained = evidence.rungs.get("e_k6")
+    trained = evidence.variants.get("e_k6")
     if trained is None:
         return None
     values = {"i_avg": 75.0, "z_mm": 0.0, "w_deg": 0.0, "p_deg": 0.0}
 
     def mean_ms(x_mm: float) -> float:
         places = ({**values, "x_mm": x_mm, "y_mm": y} for y in (-100.0, 0.0, 100.0))
-        inputs = [[place[name] for name in trained.rung.specification.inputs] for place in places]
+        inputs = [
+            [place[name] for name in trained.variant.specification.inputs] for place in places
+        ]
         return float(trained.model.predict(inputs).mean.mean())
 
     return mean_ms(-150.0) / mean_ms(150.0)
@@ -233,19 +237,19 @@ def _bright_p_norm(dataset: Dataset | None) -> float | None:
     return float(np.median(bright)) if len(bright) else None
 
 
-def _lighting(evidence: Evidence, rung: str, scenario: str) -> Evaluation | None:
-    return _result(evidence, rung, f"X_lighting_{scenario}", role="extended")
+def _lighting(evidence: Evidence, variant: str, scenario: str) -> Evaluation | None:
+    return _result(evidence, variant, f"X_lighting_{scenario}", role="extended")
 
 
 def _result(
     evidence: Evidence,
-    rung: str,
+    variant: str,
     dataset: str,
     *,
     role: str = "test",
     features: tuple[str, ...] = (),
 ) -> Evaluation | None:
-    trained = evidence.rungs.get(rung)
+    trained = evidence.variants.get(variant)
     if trained is None:
         return None
     for score in trained.scores:

@@ -22,26 +22,25 @@ import numpy as np
 from exposight import __version__
 from exposight.errors import FileError
 from exposight.observing import ObservationTable
-from exposight.paper.campaigns import CAMPAIGNS
-from exposight.paper.collection import ObservedCampaign, collect
+from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect
 from exposight.paper.datasets import DATASETS, build_dataset
 from exposight.paper.findings import judge
-from exposight.paper.ladder import LADDER, LEARNING_RUNGS
-from exposight.paper.result import (
+from exposight.paper.results import (
     Dataset,
     DependenceMatrix,
     LearningCurve,
     LearningStep,
-    Rung,
     SensorKind,
     StudyResult,
     StudySettings,
-    TrainedRung,
+    TrainedVariant,
+    Variant,
 )
-from exposight.paper.scores import score_on, score_rung
+from exposight.paper.scores import score_on, score_variant
 from exposight.paper.special_findings import Evidence
 from exposight.paper.tables import build_tables
 from exposight.paper.training import KeptTraining, table_checksum, train_or_read
+from exposight.paper.variants import LEARNING_CURVES, VARIANTS
 from exposight.statistics import maximal_information_matrix
 
 if TYPE_CHECKING:
@@ -110,23 +109,23 @@ def run_study(
         for own in DATASETS
         if own.sensor in settings.sensors
     }
-    ladder = tuple(rung for rung in LADDER if _can_learn(datasets.get(rung.dataset)))
+    variants = tuple(variant for variant in VARIANTS if _can_learn(datasets.get(variant.dataset)))
     sensors = {o.campaign.sensor: o.sensor for o in observed.values() if o.campaign.required}
-    trained, curves = _train(ladder, datasets, sensors, models, settings, tell)
+    trained, curves = _train(variants, datasets, sensors, models, settings, tell)
     tables = build_tables(tuple(datasets.values()), trained)
     dependence = _dependence(datasets, settings, tell)
     evidence = Evidence(
         datasets=datasets,
-        rungs={own.rung.name: own for own in trained},
+        variants={own.variant.name: own for own in trained},
         dependence={datasets[own.dataset].sensor: own for own in dependence},
-        learning={curve.rung: curve for curve in curves},
+        learning={curve.variant: curve for curve in curves},
     )
     return StudyResult(
         settings=settings,
         exposight_version=__version__,
         campaigns=tuple(own.description for own in observed.values()),
         datasets=tuple(datasets.values()),
-        rungs=trained,
+        variants=trained,
         tables=tables,
         dependence=dependence,
         learning_curves=curves,
@@ -167,19 +166,18 @@ def _can_learn(dataset: Dataset | None) -> bool:
 
 
 def _train(
-    ladder: tuple[Rung, ...],
+    variants: tuple[Variant, ...],
     datasets: Mapping[str, Dataset],
     sensors: Mapping[SensorKind, ActiveSensor],
     folder: Path,
     settings: StudySettings,
     tell: Progress,
-) -> tuple[tuple[TrainedRung, ...], tuple[LearningCurve, ...]]:
-    """Train the rungs, and some of them on fewer rows, all in one go so that no worker waits."""
-    rungs = {rung.name: rung for rung in ladder}
-    full = {rung.name: _training(rung, datasets, sensors, settings) for rung in ladder}
+) -> tuple[tuple[TrainedVariant, ...], tuple[LearningCurve, ...]]:
+    """Train the variants, and some of them on fewer rows, all in one go so that no worker waits."""
+    full = {variant.name: _training(variant, datasets, sensors, settings) for variant in variants}
     fewer = {
         name: tuple(_fewer(full[name], divisor, settings) for divisor in _LEARNING_DIVISORS)
-        for name, _ in LEARNING_RUNGS
+        for name, _ in LEARNING_CURVES
         if name in full
     }
     trainings = (*full.values(), *(own for steps in fewer.values() for own in steps))
@@ -191,45 +189,45 @@ def _train(
     )
     by_training = dict(zip(map(id, trainings), models, strict=True))
     trained = []
-    for done, rung in enumerate(ladder):
-        tell("judging models", done, len(ladder))
-        model = by_training[id(full[rung.name])]
+    for done, variant in enumerate(variants):
+        tell("judging models", done, len(variants))
+        model = by_training[id(full[variant.name])]
         trained.append(
-            TrainedRung(
-                rung=rung,
+            TrainedVariant(
+                variant=variant,
                 model=model,
-                path=full[rung.name].path(folder),
-                scores=score_rung(rung, model, datasets),
+                path=full[variant.name].path(folder),
+                scores=score_variant(variant, model, datasets),
             )
         )
-    tell("judging models", len(ladder), len(ladder))
+    tell("judging models", len(variants), len(variants))
     curves = [
         _learning_curve(
-            next(own for own in trained if own.rung is rungs[name]),
+            next(own for own in trained if own.variant.name == name),
             role,
             [by_training[id(own)] for own in fewer[name]],
         )
-        for name, role in LEARNING_RUNGS
-        if name in rungs
+        for name, role in LEARNING_CURVES
+        if name in full
     ]
     return tuple(trained), tuple(curve for curve in curves if curve.steps)
 
 
 def _training(
-    rung: Rung,
+    variant: Variant,
     datasets: Mapping[str, Dataset],
     sensors: Mapping[SensorKind, ActiveSensor],
     settings: StudySettings,
 ) -> KeptTraining:
-    dataset = datasets[rung.dataset]
+    dataset = datasets[variant.dataset]
     rows = dataset.train if dataset.train is not None else dataset.table
     return KeptTraining(
-        name=rung.name,
-        specification=rung.specification,
+        name=variant.name,
+        specification=variant.specification,
         table=rows,
-        source=f"the study's dataset {rung.dataset}, training side",
+        source=f"the study's dataset {variant.dataset}, training side",
         source_sha256=table_checksum(rows),
-        sensor=sensors[rung.sensor],
+        sensor=sensors[variant.sensor],
         seed=settings.seed,
         restarts=_QUICK_RESTARTS if settings.quick else _RESTARTS,
     )
@@ -250,17 +248,21 @@ def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> Kep
     )
 
 
-def _learning_curve(trained: TrainedRung, role: str, models: list[TrainedModel]) -> LearningCurve:
+def _learning_curve(
+    trained: TrainedVariant, role: str, models: list[TrainedModel]
+) -> LearningCurve:
     whole = next(own for own in trained.scores if own.evaluation.role == role)
     steps = []
     if whole.result is not None and whole.score is not None:
         for model in models:
-            score = score_on(trained.rung.name, whole.evaluation, model, whole.result.table).score
+            score = score_on(
+                trained.variant.name, whole.evaluation, model, whole.result.table
+            ).score
             if score is not None:
                 steps.append(LearningStep(n_train=len(model.process.y), score=score))
         steps.append(LearningStep(n_train=len(trained.model.process.y), score=whole.score))
     return LearningCurve(
-        rung=trained.rung.name,
+        variant=trained.variant.name,
         dataset=whole.evaluation.dataset,
         role=whole.evaluation.role,
         steps=tuple(steps),

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,27 +15,21 @@ import polars as pl
 
 from exposight.gp import gpy_length_scale
 from exposight.observing import ObservationTable
-from exposight.paper.published import (
-    RANGES,
-    published_datasets,
-    published_hyperparameters,
-    published_scores,
-)
-from exposight.paper.result import (
+from exposight.paper.results import (
     Dataset,
     DatasetRow,
     HyperparameterRow,
     ScoreRow,
     StudyTables,
-    TrainedRung,
+    TrainedVariant,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from exposight.gp import Parameter
     from exposight.models import TrainedModel
-    from exposight.paper.result import Score
+    from exposight.paper.results import Score
 
 
 _SYMBOLS = {
@@ -48,46 +45,46 @@ _PLANES = (("near", -math.inf, -85.0), ("middle", -85.0, 75.0), ("far", 75.0, ma
 """Depth planes of X in z_mm, cut midway between Table 9's ranges."""
 
 
-def build_tables(datasets: Sequence[Dataset], rungs: Sequence[TrainedRung]) -> StudyTables:
+def build_tables(datasets: Sequence[Dataset], variants: Sequence[TrainedVariant]) -> StudyTables:
     """Return all tables.
 
     Parameters
     ----------
     datasets : sequence of Dataset
         For Table 9, in its order.
-    rungs : sequence of TrainedRung
+    variants : sequence of TrainedVariant
         For the others, in their order.
     """
     return StudyTables(
-        scores=score_rows(rungs),
-        hyperparameters=tuple(row for rung in rungs for row in hyperparameter_rows(rung)),
+        scores=score_rows(variants),
+        hyperparameters=tuple(row for variant in variants for row in hyperparameter_rows(variant)),
         datasets=tuple(row for dataset in datasets for row in dataset_rows(dataset)),
     )
 
 
-def score_rows(rungs: Sequence[TrainedRung]) -> tuple[ScoreRow, ...]:
+def score_rows(variants: Sequence[TrainedVariant]) -> tuple[ScoreRow, ...]:
     """Return Tables 2 to 6, one after the other."""
-    rows = [_score_row(trained, score) for trained in rungs for score in trained.scores]
+    rows = [_score_row(trained, score) for trained in variants for score in trained.scores]
     return tuple(sorted(rows, key=lambda row: row.table))  # sorting keeps the order within each
 
 
-def _score_row(trained: TrainedRung, score: Score) -> ScoreRow:
-    rung, line, own = trained.rung, score.evaluation, score.score
-    paper = published_scores().get((rung.name, line.paper_dataset, line.paper_features))
-    full_scale = 100.0 if rung.unit == "%" else 1.0  # p_norm is tabulated in percent
+def _score_row(trained: TrainedVariant, score: Score) -> ScoreRow:
+    variant, line, own = trained.variant, score.evaluation, score.score
+    paper = published_scores().get((variant.name, line.paper_dataset, line.paper_features))
+    full_scale = 100.0 if variant.unit == "%" else 1.0  # p_norm is tabulated in percent
     r2 = None if own is None or math.isnan(own.r2_percent) else own.r2_percent
     rmse = None if own is None else full_scale * own.rmse
     return ScoreRow(
         table=line.table,
-        rung=rung.name,
-        rung_title=rung.title,
-        trained_on=rung.dataset,
+        variant=variant.name,
+        variant_title=variant.title,
+        trained_on=variant.dataset,
         n_train=len(trained.model.process.y),
         dataset=line.paper_dataset,
         role=line.role,
         features=line.paper_features,
         n=0 if own is None else own.n,
-        unit=rung.unit,
+        unit=variant.unit,
         r2_percent=r2,
         mse=None if own is None else own.mse,
         rmse=rmse,
@@ -107,36 +104,36 @@ def _percent(share: float | None) -> float | None:
     return None if share is None else 100.0 * share
 
 
-def hyperparameter_rows(trained: TrainedRung) -> tuple[HyperparameterRow, ...]:
-    """Return a rung's lines of Table 8, the noise variance last.
+def hyperparameter_rows(trained: TrainedVariant) -> tuple[HyperparameterRow, ...]:
+    """Return a variant's lines of Table 8, the noise variance last.
 
     Length scales of rational quadratic kernels are GPy's, ℓ √α, as in the paper.
     """
-    model, rung = trained.model, trained.rung
+    model, variant = trained.model, trained.variant
     alpha = next(
         (own.value for own in model.process.kernel.parameters if own.quantity == "alpha"), None
     )
     rows = [
-        _hyperparameter_row(rung.name, own, model, alpha)
+        _hyperparameter_row(variant.name, own, model, alpha)
         for own in model.process.kernel.parameters
         if own.free
     ]
-    target = "ms" if rung.unit == "ms" else ""
+    target = "ms" if variant.unit == "ms" else ""
     noise = HyperparameterRow(
-        rung=rung.name,
+        variant=variant.name,
         parameter="noise_variance",
         symbol=_SYMBOLS["noise_variance"],
         input="",
         unit=f"{target}²" if target else "",
         value=model.process.noise_variance,
-        paper_value=published_hyperparameters().get((rung.name, "noise_variance", "")),
+        paper_value=published_hyperparameters().get((variant.name, "noise_variance", "")),
         at_bound="noise_variance" in model.summary.parameters_at_bound,
     )
     return (*rows, noise)
 
 
 def _hyperparameter_row(
-    rung: str, own: Parameter, model: TrainedModel, alpha: float | None
+    variant: str, own: Parameter, model: TrainedModel, alpha: float | None
 ) -> HyperparameterRow:
     quantity = own.quantity.value
     inputs = model.specification.inputs
@@ -154,13 +151,13 @@ def _hyperparameter_row(
         case "slope_variance":
             unit = f"(ms/{unit})²" if unit else "ms²"
     return HyperparameterRow(
-        rung=rung,
+        variant=variant,
         parameter=quantity,
         symbol=_SYMBOLS[quantity],
         input=name,
         unit=unit,
         value=value,
-        paper_value=published_hyperparameters().get((rung, quantity, name)),
+        paper_value=published_hyperparameters().get((variant, quantity, name)),
         at_bound=own.name in model.summary.parameters_at_bound,
     )
 
@@ -241,3 +238,106 @@ def _flat(record: dict[str, object]) -> dict[str, object]:
         else:
             flat[name] = value
     return flat
+
+
+RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
+"""Columns of which Table 9 prints the range; r is 0 throughout."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedScore:
+    """A line of Tables 2 to 6.
+
+    Parameters
+    ----------
+    table : int
+        Its number.
+    variant, dataset, features : str
+        As the paper names kernel, evaluation dataset and features, written plainly.
+    r2_percent, mse, rmse : float
+        MSE in squared units of the target; RMSE in percent of full scale, or in ms.
+    """
+
+    table: int
+    variant: str
+    dataset: str
+    features: str
+    r2_percent: float
+    mse: float
+    rmse: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedDataset:
+    """A line of Table 9.
+
+    Parameters
+    ----------
+    dataset, features : str
+        As the paper names them, written plainly.
+    n, n_train : int or None
+        Observations, and those trained on, where it says.
+    ranges : dict of str to (float, float)
+        Least and greatest value of each of `RANGES` that is printed.
+    """
+
+    dataset: str
+    features: str
+    n: int
+    n_train: int | None
+    ranges: dict[str, tuple[float, float]]
+
+
+@cache
+def published_scores() -> dict[tuple[str, str, str], PublishedScore]:
+    """Return Tables 2 to 6 by variant, dataset and features."""
+    return {
+        (row["model"], row["dataset"], row["features"]): PublishedScore(
+            table=int(row["table"]),
+            variant=row["model"],
+            dataset=row["dataset"],
+            features=row["features"],
+            r2_percent=float(row["r2_percent"]),
+            mse=float(row["mse"]),
+            rmse=float(row["rmse"]),
+        )
+        for row in _rows("scores.csv")
+    }
+
+
+@cache
+def published_hyperparameters() -> dict[tuple[str, str, str], float]:
+    """Return Table 8: values by variant, hyperparameter and input.
+
+    Hyperparameters are ``variance``, ``length_scale``, ``alpha``, ``slope_variance`` and
+    ``noise_variance``; the input is empty where it belongs to none, and ``all`` for the one length
+    scale of a kernel without ARD. Length scales are in GPy's convention.
+    """
+    return {
+        (row["variant"], row["parameter"], row["input"]): float(row["value"])
+        for row in _rows("hyperparameters.csv")
+    }
+
+
+@cache
+def published_datasets() -> dict[str, PublishedDataset]:
+    """Return Table 9 by dataset."""
+    return {
+        row["dataset"]: PublishedDataset(
+            dataset=row["dataset"],
+            features=row["features"],
+            n=int(row["n"]),
+            n_train=int(row["n_train"]) if row["n_train"] else None,
+            ranges={
+                name: (float(row[f"{name}_low"]), float(row[f"{name}_high"]))
+                for name in RANGES
+                if row[f"{name}_low"]
+            },
+        )
+        for row in _rows("datasets.csv")
+    }
+
+
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    text = files("exposight.paper").joinpath("data", name).read_text(encoding="utf-8")
+    yield from csv.DictReader(text.splitlines())

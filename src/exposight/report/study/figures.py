@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN
-from exposight.paper.figure_data import (
+from exposight.paper import (
     BestAndWorst,
     BrightnessCurves,
     CaptureForecast,
+    DependenceMatrix,
     ExposureRow,
     KernelExamples,
+    LearningCurve,
     PredictionSurfaces,
     TrainingPositions,
 )
-from exposight.paper.result import DependenceMatrix, LearningCurve
 from exposight.report.markup import escape, figure, fixed, image_tag, model_name, number
 from exposight.report.study.observed_plots import (
     brightness_plot,
@@ -41,8 +42,7 @@ from exposight.report.study.words import SENSOR_TITLES, measured_in
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.paper.figure_data import FigureData, StudyFigure
-    from exposight.paper.result import StudyResult
+    from exposight.paper import FigureData, StudyFigure, StudyResult
     from exposight.report.study.stills import Still
 
 
@@ -184,9 +184,10 @@ def _curves(number_: int, data: BestAndWorst) -> DrawnFigure:
         title=f"Best and worst predictions of the {what}",
         still=best_and_worst_still(data),
         interactive="",
-        caption=f"{model_name(data.rung)} on unseen features in {data.judged} views of one feature "
-        f"each: above the three with the smallest RMSE ({best}), below those with the largest "
-        f"({worst}). The line is the mean, the band ±2σ for a new observation. {_OPEN_MARKS}",
+        caption=f"{model_name(data.variant)} on unseen features in {data.judged} views of one "
+        f"feature each: above the three with the smallest RMSE ({best}), below those with the "
+        f"largest ({worst}). The line is the mean, the band ±2σ for a new observation. "
+        f"{_OPEN_MARKS}",
     )
 
 
@@ -200,10 +201,10 @@ def _surfaces(number_: int, data: PredictionSurfaces) -> DrawnFigure:
         title=f"Predicted {what} over the sensor’s field, {SENSOR_TITLES[data.sensor]}",
         still=surfaces_still(data),
         interactive=surfaces_plot(f"figure-{number_}", data),
-        caption=f"{model_name(data.rung)}{pose}, at three depths (columns) and three brightnesses "
-        "(rows); the menu changes to 2σ of a new observation. Small circles are places where the "
-        f"model has learnt near that depth: away from them it extrapolates.{scale} Point at a "
-        "place for its numbers.",
+        caption=f"{model_name(data.variant)}{pose}, at three depths (columns) and three "
+        "brightnesses (rows); the menu changes to 2σ of a new observation. Small circles are "
+        f"places where the model has learnt near that depth: away from them it extrapolates."
+        f"{scale} Point at a place for its numbers.",
     )
 
 
@@ -263,15 +264,15 @@ def _forecast(number_: int, data: CaptureForecast) -> DrawnFigure:
         interactive="",
         caption=f"The unseen features of view {escape(data.view)} taken at "
         f"{data.exposure_ms:g} ms: where they stood (rings in true size), the exposure time "
-        f"that {model_name(data.exposure_rung)} gives for the brightness they had, and the quality "
-        f"that {model_name(data.quality_rung)} expects beside the measured one. Bars are ±2σ; "
-        "orange bars and dotted rings: the pose lies outside the range that trained. "
+        f"that {model_name(data.exposure_variant)} gives for the brightness they had, and the "
+        f"quality that {model_name(data.quality_variant)} expects beside the measured one. Bars "
+        "are ±2σ; orange bars and dotted rings: the pose lies outside the range that trained. "
         f"{_OPEN_MARKS}",
     )
 
 
 def _learning(number_: int, data: LearningCurve) -> DrawnFigure:
-    quality = data.rung.startswith("q")
+    quality = data.variant.startswith("q")
     unit, what = ("%", "quality") if quality else ("ms", "exposure time")
     inside = " inside the range that trained" if data.role == "test_inside" else ""
     return DrawnFigure(
@@ -279,7 +280,7 @@ def _learning(number_: int, data: LearningCurve) -> DrawnFigure:
         title=f"Scores of a model of the {what} over the number of training observations",
         still=learning_still(data, unit),
         interactive=learning_plot(f"figure-{number_}", data, unit),
-        caption=f"{model_name(data.rung)} trained on growing random shares of its observations, "
+        caption=f"{model_name(data.variant)} trained on growing random shares of its observations, "
         f"judged by unseen features{inside}. Where the lines turn level, more observations of the "
         "same features do not help.",
     )

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from exposight.files.durable import write_durably
-from exposight.paper.figure_data import study_figures
-from exposight.paper.tables import table_csv
+from exposight.paper import study_figures, table_csv
 from exposight.report.study.figures import drawn_figures
 from exposight.report.study.page import study_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from exposight.paper.result import (
+    from exposight.paper import (
         DatasetRow,
         HyperparameterRow,
         ScoreRow,

@@ -8,7 +8,7 @@ from exposight.report.markup import Heading, exact, number, table, with_unit
 from exposight.report.study.words import SENSOR_TITLES, prose
 
 if TYPE_CHECKING:
-    from exposight.paper.result import Finding, SensorKind, StudyResult
+    from exposight.paper import Finding, SensorKind, StudyResult
 
 
 _HEADINGS = (

@@ -17,7 +17,7 @@ from exposight.report.scene import coordinates, scene
 from exposight.report.study.palette import feature_order, feature_style, place_styles
 
 if TYPE_CHECKING:
-    from exposight.paper.figure_data import (
+    from exposight.paper import (
         BrightnessCurves,
         ExposureRow,
         ObservedCurve,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from exposight.paper.figure_data import (
+    from exposight.paper import (
         BrightnessCurves,
         ExposureRow,
         ObservedCurve,

@@ -14,8 +14,7 @@ from exposight.report.study.summary import summary_html
 from exposight.report.study.tables import dataset_table, hyperparameter_table, score_tables
 
 if TYPE_CHECKING:
-    from exposight.paper.figure_data import StudyFigure
-    from exposight.paper.result import StudyResult
+    from exposight.paper import StudyFigure, StudyResult
     from exposight.report.study.figures import DrawnFigure
 
 

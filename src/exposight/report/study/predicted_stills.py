@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from exposight.paper.figure_data import (
+    from exposight.paper import (
         BestAndWorst,
         CaptureForecast,
         FeatureForecast,
@@ -88,7 +88,7 @@ def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
     style = feature_style(seen.feature)
     low, high = own.mean - 2 * own.std, own.mean + 2 * own.std
     axes.fill_between(own.i_avg, low, high, label="±2σ", **_BAND)
-    axes.plot(own.i_avg, own.mean, color=ACCENT, label=f"{data.rung}, mean")
+    axes.plot(own.i_avg, own.mean, color=ACCENT, label=f"{data.variant}, mean")
     axes.plot(
         seen.i_avg,
         seen.p_norm if quality else seen.exposure_ms,

@@ -14,7 +14,7 @@ from exposight.report.quantities import column_name
 from exposight.report.study.statistics_stills import DEPENDENCE_SCALE
 
 if TYPE_CHECKING:
-    from exposight.paper.result import DependenceMatrix, LearningCurve
+    from exposight.paper import DependenceMatrix, LearningCurve
 
 
 def dependence_plot(name: str, data: DependenceMatrix) -> str:

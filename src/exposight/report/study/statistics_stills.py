@@ -13,7 +13,7 @@ from exposight.report.study.stills import draw_still, label_panel, plain_axes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from exposight.paper.result import DependenceMatrix, LearningCurve
+    from exposight.paper import DependenceMatrix, LearningCurve
     from exposight.report.study.stills import Still
 
 
@@ -63,10 +63,10 @@ def learning_still(data: LearningCurve, unit: str) -> Still:
         fit, error = figure.subplots(1, 2)
         fit.plot(numbers, [s.score.r2_percent for s in data.steps], "o-", color=ACCENT)
         plain_axes(fit, "training observations", "R² (%)")
-        label_panel(fit, f"{data.rung}: R² on unseen features")
+        label_panel(fit, f"{data.variant}: R² on unseen features")
         error.plot(numbers, [factor * s.score.rmse for s in data.steps], "s-", color=INK)
         plain_axes(error, "training observations", f"RMSE ({unit})")
-        label_panel(error, f"{data.rung}: RMSE on unseen features")
+        label_panel(error, f"{data.variant}: RMSE on unseen features")
         fit.set_ylim(min(0.0, *(s.score.r2_percent for s in data.steps)), 102)
         error.set_ylim(0, 1.15 * factor * max(s.score.rmse for s in data.steps))
         for axes in (fit, error):

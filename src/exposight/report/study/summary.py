@@ -12,7 +12,7 @@ from exposight.report.study.words import prose
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from exposight.paper.result import EvaluationRole, ScoreRow, StudyResult
+    from exposight.paper import EvaluationRole, ScoreRow, StudyResult
 
 
 def summary_html(result: StudyResult) -> str:
@@ -35,7 +35,7 @@ def _cards(result: StudyResult) -> Iterator[Card]:
         if true + false
         else (),
     )
-    for title, rungs, role in (
+    for title, variants, role in (
         ("Quality RMSE on unseen features", ("q_k1", "q_k4"), "test"),
         (
             "Exposure-time RMSE on unseen features inside the trained range",
@@ -45,16 +45,16 @@ def _cards(result: StudyResult) -> Iterator[Card]:
         ("Quality RMSE, stereo, inside", ("q_k4_s2",), "test_inside"),
         ("Exposure-time RMSE, stereo, inside", ("e_k6_s2",), "test_inside"),
     ):
-        keys = [_rmse_key(row) for rung in rungs for row in _rows(result, rung, role)]
+        keys = [_rmse_key(row) for variant in variants for row in _rows(result, variant, role)]
         yield Card(title=title, keys=tuple(keys))
 
 
-def _rows(result: StudyResult, rung: str, role: EvaluationRole | str) -> list[ScoreRow]:
-    """Return the lines of Tables 2, 3 and 5 that have this rung and role, and any rows."""
+def _rows(result: StudyResult, variant: str, role: EvaluationRole | str) -> list[ScoreRow]:
+    """Return the lines of Tables 2, 3 and 5 that have this variant and role, and any rows."""
     return [
         row
         for row in result.tables.scores
-        if row.rung == rung and row.role == role and row.table in {2, 3, 5} and row.n
+        if row.variant == variant and row.role == role and row.table in {2, 3, 5} and row.n
     ]
 
 
@@ -65,7 +65,7 @@ def _rmse_key(row: ScoreRow) -> Key:
     return Key(
         value=exact(row.rmse, number(row.rmse)),
         unit=row.unit,
-        meaning=f"{model_name(row.rung)}{paper}",
+        meaning=f"{model_name(row.variant)}{paper}",
     )
 
 
@@ -98,7 +98,7 @@ def _sentences(result: StudyResult) -> Iterator[str]:
 
 
 def _position(result: StudyResult) -> Iterator[str]:
-    alone, placed = (_rows(result, rung, "test") for rung in ("q_k1", "q_k4"))
+    alone, placed = (_rows(result, variant, "test") for variant in ("q_k1", "q_k4"))
     if not alone or not placed:
         return
     first, second = alone[0], placed[0]
@@ -141,9 +141,9 @@ def _splits(result: StudyResult) -> Iterator[str]:
 
 def _coverage(result: StudyResult) -> Iterator[str]:
     said = [
-        f"{model_name(rung)} {exact(share, fixed(share, 1))} %"
-        for rung, role in (("q_k4", "test"), ("e_k6", "test_inside"))
-        for row in _rows(result, rung, role)
+        f"{model_name(variant)} {exact(share, fixed(share, 1))} %"
+        for variant, role in (("q_k4", "test"), ("e_k6", "test_inside"))
+        for row in _rows(result, variant, role)
         if (share := row.coverage_2sigma_percent) is not None
     ]
     if said:

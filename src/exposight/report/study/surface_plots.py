@@ -16,7 +16,7 @@ from exposight.report.study.surface_stills import SPREAD_SCALE
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from exposight.paper.figure_data import PredictionSurfaces
+    from exposight.paper import PredictionSurfaces
 
 
 _GAP = 0.06

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from exposight.paper.figure_data import PredictionSurfaces
+    from exposight.paper import PredictionSurfaces
     from exposight.report.study.stills import Still
 
 

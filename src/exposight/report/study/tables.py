@@ -20,7 +20,7 @@ from exposight.report.markup import (
 from exposight.report.quantities import column_name
 
 if TYPE_CHECKING:
-    from exposight.paper.result import (
+    from exposight.paper import (
         DatasetRow,
         HyperparameterRow,
         ScoreRow,
@@ -81,8 +81,8 @@ def _score_table(rows: list[ScoreRow], unit: str, *, name: str, title: str) -> s
     shown = []
     before = ""
     for row in rows:
-        first = row.rung != before
-        before = row.rung
+        first = row.variant != before
+        before = row.variant
         shown.append(_score_cells(row, first=first, relative=relative))
     caption = (
         f"<b>{title}.</b> Ours, the paper’s, and ours less the "
@@ -124,7 +124,7 @@ def _score_headings(unit: str, *, relative: bool) -> tuple[Heading, ...]:
 
 def _score_cells(row: ScoreRow, *, first: bool, relative: bool) -> list[str]:
     model = (
-        f'{model_code(row.rung)}<span class="under">{escape(row.trained_on)}, '
+        f'{model_code(row.variant)}<span class="under">{escape(row.trained_on)}, '
         f"{count_cell(row.n_train)}</span>"
     )
     return [
@@ -164,18 +164,18 @@ def _features(told: str) -> str:
 
 
 def hyperparameter_table(result: StudyResult) -> str:
-    """Return Table 8, a line for each rung."""
+    """Return Table 8, a line for each variant."""
     headings = (
         Heading(text="model", is_text=True),
         Heading(text="fitted here", is_text=True),
         Heading(text="the paper’s", is_text=True),
     )
     rows = []
-    for rung, group in groupby(result.tables.hyperparameters, key=lambda own: own.rung):
+    for variant, group in groupby(result.tables.hyperparameters, key=lambda own: own.variant):
         own = list(group)
         rows.append(
             [
-                model_code(rung),
+                model_code(variant),
                 " ".join(_hyperparameter(one, one.value, one.at_bound) for one in own),
                 " ".join(
                     _hyperparameter(one, one.paper_value, False)

@@ -9,7 +9,7 @@ from exposight.report.markup import escape
 from exposight.report.quantities import column_name
 
 if TYPE_CHECKING:
-    from exposight.paper.result import SensorKind, StudyResult
+    from exposight.paper import SensorKind, StudyResult
 
 
 SENSOR_TITLES: dict[SensorKind, str] = {

@@ -1,4 +1,4 @@
-"""The ladder of models, rung by rung: what each learns from, and what it is judged by.
+"""The model variants: what each learns from, and which rows evaluate it.
 
 Sects. 3.3 and 3.4 of the paper add one thing after the other to a model; Sect. 4 takes the best of
 them to other lighting, another sensor and other finishes. All lines of Tables 2 to 6 are here, and
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 from exposight.models import model_named
 from exposight.models.exposure_time import product_kernel
 from exposight.paper.datasets import OUTSIDE, POSE, POSITION
-from exposight.paper.result import Rung, RungEvaluation, SensorKind
+from exposight.paper.results import EvaluationSet, SensorKind, Variant
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from exposight.models import ModelSpecification
-    from exposight.paper.result import EvaluationRole
+    from exposight.paper.results import EvaluationRole
 
 
 _Test: TypeAlias = Literal["test", "test_inside"]
@@ -35,7 +35,7 @@ _FINISHES = (
 """Features by finish (Sect. 4.3.1): all, then the three groups."""
 
 
-def _rung(
+def _variant(
     name: str,
     title: str,
     dataset: str,
@@ -45,14 +45,14 @@ def _rung(
     paper: str,
     suffix: str = "",
     tests: tuple[_Test, ...] = ("test",),
-    further: tuple[RungEvaluation, ...] = (),
-) -> Rung:
-    """Make a rung with its lines of Tables 2, 3 or 5.
+    further: tuple[EvaluationSet, ...] = (),
+) -> Variant:
+    """Make a variant with its lines of Tables 2, 3 or 5.
 
     Parameters
     ----------
     name, title, dataset : str
-        As in `Rung`.
+        As in `Variant`.
     table : int
         The paper's table.
     specification : ModelSpecification
@@ -63,13 +63,13 @@ def _rung(
         How the validation dataset's name ends: ``_plus`` for ᵉX⁺.
     tests : tuple of {'test', 'test_inside'}
         Which unseen rows judge it.
-    further : tuple of RungEvaluation
+    further : tuple of EvaluationSet
         Lines of Tables 4 and 6.
     """
     sensor: SensorKind = "stereo" if dataset.startswith("s2_") else "structured-light"
     unseen = ("s2_" if sensor == "stereo" else "") + paper.rstrip("0123456789") + "_test"
     validations = _validations(table, dataset, f"{paper}_val{suffix}", plus=bool(suffix))
-    return Rung(
+    return Variant(
         name=name,
         title=title,
         sensor=sensor,
@@ -81,12 +81,12 @@ def _rung(
 
 def _validations(
     table: int, dataset: str, paper_dataset: str, *, plus: bool
-) -> Iterator[RungEvaluation]:
+) -> Iterator[EvaluationSet]:
     """Yield the line of the random split, then that of the split by whole views."""
     roles: tuple[tuple[EvaluationRole, str], ...]
     roles = (("validation", ""), ("validation_by_view", "_by_view"))
     for role, ending in roles:
-        yield RungEvaluation(
+        yield EvaluationSet(
             table=table,
             dataset=dataset,
             role=role,
@@ -97,11 +97,11 @@ def _validations(
 
 def _tests(
     table: int, dataset: str, paper_dataset: str, roles: tuple[_Test, ...]
-) -> Iterator[RungEvaluation]:
+) -> Iterator[EvaluationSet]:
     """Yield the lines of unseen features: all their rows, those inside the training range."""
     for role in roles:
         inside = role == "test_inside"
-        yield RungEvaluation(
+        yield EvaluationSet(
             table=table,
             dataset=dataset,
             role=role,
@@ -111,10 +111,10 @@ def _tests(
         )
 
 
-def _lighting() -> tuple[RungEvaluation, ...]:
+def _lighting() -> tuple[EvaluationSet, ...]:
     """Return the lines of Table 4."""
     return tuple(
-        RungEvaluation(
+        EvaluationSet(
             table=4,
             dataset=f"X_lighting_{scenario}",
             role="extended",
@@ -125,13 +125,13 @@ def _lighting() -> tuple[RungEvaluation, ...]:
     )
 
 
-def _outside(dataset: str, paper_dataset: str) -> tuple[RungEvaluation, ...]:
+def _outside(dataset: str, paper_dataset: str) -> tuple[EvaluationSet, ...]:
     """Return the lines of Table 6: rows inside the training rows' spatial range (Sect. 4.3.1).
 
     The range of positions alone: Table 9's orientations outside lie beyond those trained on.
     """
     return tuple(
-        RungEvaluation(
+        EvaluationSet(
             table=6,
             dataset=dataset,
             role="extended",
@@ -144,14 +144,14 @@ def _outside(dataset: str, paper_dataset: str) -> tuple[RungEvaluation, ...]:
     )
 
 
-def _quality() -> tuple[Rung, ...]:
+def _quality() -> tuple[Variant, ...]:
     first = tuple(
-        _rung(f"q_k{d}", f"quality, {d}D", "X", 2, model_named(f"q_k{d}"), paper=f"X{d}")
+        _variant(f"q_k{d}", f"quality, {d}D", "X", 2, model_named(f"q_k{d}"), paper=f"X{d}")
         for d in (1, 2, 3)
     )
     return (
         *first,
-        _rung(
+        _variant(
             "q_k4",
             "quality, 4D",
             "X",
@@ -160,17 +160,17 @@ def _quality() -> tuple[Rung, ...]:
             paper="X4",
             further=(*_lighting(), *_outside("X_out", "X_out")),
         ),
-        _rung("q_k6", "quality, 6D", "X", 2, model_named("q_k6"), paper="X6"),
+        _variant("q_k6", "quality, 6D", "X", 2, model_named("q_k6"), paper="X6"),
     )
 
 
-def _exposure_time() -> tuple[Rung, ...]:
+def _exposure_time() -> tuple[Variant, ...]:
     first = tuple(
-        _rung(f"e_k{d}", f"exposure time, {d}D", "eX", 3, model_named(f"e_k{d}"), paper=f"eX{d}")
+        _variant(f"e_k{d}", f"exposure time, {d}D", "eX", 3, model_named(f"e_k{d}"), paper=f"eX{d}")
         for d in (1, 2, 3)
     )
     later = tuple(
-        _rung(
+        _variant(
             name,
             f"exposure time, {title}",
             f"eX{suffix}",
@@ -194,12 +194,12 @@ def _exposure_time() -> tuple[Rung, ...]:
     return (*first, *later)
 
 
-def _stereo() -> tuple[Rung, ...]:
+def _stereo() -> tuple[Variant, ...]:
     # Table 8: the stereo sensor's 4D kernel is a product too, with a length scale for each input.
     e_k4 = model_named("e_k4")
     product_4d = replace(e_k4, kernel=product_kernel(len(e_k4.inputs)), source="Sect. 4.2.3")
     return tuple(
-        _rung(
+        _variant(
             name,
             f"stereo, {title}",
             dataset,
@@ -234,8 +234,8 @@ def _stereo() -> tuple[Rung, ...]:
     )
 
 
-LADDER: Final = (*_quality(), *_exposure_time(), *_stereo())
-"""All rungs, in the order of Tables 2, 3 and 5."""
+VARIANTS: Final = (*_quality(), *_exposure_time(), *_stereo())
+"""All variants, in the order of Tables 2, 3 and 5."""
 
-LEARNING_RUNGS: Final = (("q_k4", "test"), ("e_k6", "test_inside"))
-"""Rungs whose learning curves are Figs. 22 and 23, and the rows that judge them."""
+LEARNING_CURVES: Final = (("q_k4", "test"), ("e_k6", "test_inside"))
+"""Variants whose learning curves are Figs. 22 and 23, and the rows that judge them."""

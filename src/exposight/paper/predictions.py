@@ -1,0 +1,454 @@
+"""What models predict, as arrays: curves, one capture, surfaces (Figs. 11, 12, 14, 15, 24–26)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from exposight.errors import InputError, ObservationError
+from exposight.models import P_NORM_MIN
+from exposight.paper.observed_curves import ObservedCurve, observed_curves
+from exposight.statistics import inside_box
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.models import TrainedModel
+    from exposight.observing import ObservationTable
+    from exposight.paper.results import SensorKind
+
+
+_SHOWN = 3
+"""Best and worst predictions that the figures show."""
+_FEWEST = 4
+"""Observations of a curve that can be judged; p_norm ≥ 0.75 leaves about half of the ten."""
+_SAMPLES = 161
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedCurve:
+    """A model's prediction for one feature in one view, over the brightness.
+
+    Parameters
+    ----------
+    observed : ObservedCurve
+        What was measured there.
+    i_avg : (m,) ndarray
+        Grey levels at which the model was asked.
+    mean, std : (m,) ndarray
+        Prediction and standard deviation of a new observation, in the target's unit.
+    rmse : float
+        Of the observations, in the target's unit.
+    covered : int
+        Observations within two standard deviations.
+    inside : bool
+        Whether the pose lies inside the box of the training poses.
+    """
+
+    observed: ObservedCurve
+    i_avg: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    std: NDArray[np.float64]
+    rmse: float
+    covered: int
+    inside: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BestAndWorst:
+    """The curves that a model predicted best and worst (Figs. 11 and 14).
+
+    Parameters
+    ----------
+    variant : str
+        The model's name.
+    target : {"p_norm", "exposure_ms"}
+        What it predicts.
+    dataset : str
+        Where the observations come from.
+    judged : int
+        Curves among which these were chosen.
+    best, worst : tuple of PredictedCurve
+        By growing, and by falling RMSE.
+    """
+
+    variant: str
+    target: Literal["p_norm", "exposure_ms"]
+    dataset: str
+    judged: int
+    best: tuple[PredictedCurve, ...]
+    worst: tuple[PredictedCurve, ...]
+
+
+def best_and_worst(
+    variant: str,
+    model: TrainedModel,
+    dataset: str,
+    table: ObservationTable,
+    *,
+    least_range: float = 0.0,
+    inside_only: bool = False,
+) -> BestAndWorst:
+    """Choose the curves that a model predicts best and worst.
+
+    Parameters
+    ----------
+    variant, dataset : str
+        Names, kept.
+    model : TrainedModel
+        Predicts from i_avg, its first input, and the pose.
+    table : ObservationTable
+        Observations of unseen features; rows that the model is not judged by are left out.
+    least_range : float
+        Curves whose target varies less say little and are left out; in the target's unit.
+    inside_only : bool
+        Leave out poses outside the box of the training poses (the paper's "test,i").
+
+    Raises
+    ------
+    ObservationError
+        If no curve is left.
+    """
+    specification = model.specification
+    curves = [
+        _predicted(model, curve)
+        for curve in observed_curves(specification.rows(table))
+        if len(curve.i_avg) >= _FEWEST and np.ptp(_target(model, curve)) >= least_range
+    ]
+    judged = [curve for curve in curves if curve.inside or not inside_only]
+    if not judged:
+        msg = (
+            f"{specification.name} can be shown on curves of at least {_FEWEST} exposure times of "
+            f"one feature in one view, got none in {len(table)} rows of {dataset}"
+        )
+        raise ObservationError(msg)
+    ordered = sorted(judged, key=lambda own: (own.rmse, own.observed.feature, own.observed.view))
+    count = min(_SHOWN, (len(ordered) + 1) // 2)
+    return BestAndWorst(
+        variant=variant,
+        target=specification.target,
+        dataset=dataset,
+        judged=len(ordered),
+        best=tuple(ordered[:count]),
+        worst=tuple(ordered[::-1][: min(count, len(ordered) - count)]),
+    )
+
+
+def _predicted(model: TrainedModel, curve: ObservedCurve) -> PredictedCurve:
+    low, high = (0.0, 255.0)
+    if model.specification.target == "exposure_ms":
+        low, high = model.training_range()["i_avg"]
+    grey = np.linspace(low, high, _SAMPLES)
+    drawn = model.predict(_inputs(model, curve, grey))
+    inputs = _inputs(model, curve, curve.i_avg)
+    judged = model.predict(inputs)
+    error = np.abs(_target(model, curve) - judged.mean)
+    return PredictedCurve(
+        observed=curve,
+        i_avg=grey,
+        mean=drawn.mean,
+        std=drawn.std,
+        rmse=float(np.sqrt(np.mean(error**2))),
+        covered=int(np.sum(error <= 2 * judged.std)),
+        inside=bool(inside_training_poses(model, inputs).all()),
+    )
+
+
+def _target(model: TrainedModel, curve: ObservedCurve) -> NDArray[np.float64]:
+    return curve.p_norm if model.specification.target == "p_norm" else curve.exposure_ms
+
+
+def _inputs(
+    model: TrainedModel, curve: ObservedCurve, grey: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a model's inputs for one pose and several grey levels."""
+    constant = {
+        "x_mm": curve.x_mm,
+        "y_mm": curve.y_mm,
+        "z_mm": curve.z_mm,
+        "w_deg": curve.w_deg,
+        "p_deg": curve.p_deg,
+    }
+    columns = [
+        grey if name == "i_avg" else np.full_like(grey, constant[name])
+        for name in model.specification.inputs
+    ]
+    return np.stack(columns, axis=1)
+
+
+def inside_training_poses(model: TrainedModel, inputs: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which inputs' poses lie inside the box of the training poses, whatever their i_avg.
+
+    Parameters
+    ----------
+    model : TrainedModel
+        Its training rows span the box.
+    inputs : (n, d) ndarray
+        Rows of the model's inputs, in their units.
+
+    Returns
+    -------
+    (n,) ndarray of bool
+        True everywhere for a model that reads no pose.
+    """
+    pose = [i for i, name in enumerate(model.specification.inputs) if name != "i_avg"]
+    if not pose:
+        return np.ones(len(inputs), dtype=np.bool_)
+    return inside_box(model.process.x[:, pose], inputs[:, pose])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureForecast:
+    """One feature of a capture: measured, and predicted by both models.
+
+    Parameters
+    ----------
+    feature : str
+        Its name.
+    x_mm, y_mm, z_mm, radius_mm : float
+        Where it stood in the TCP frame, and its radius.
+    i_avg : float
+        Its brightness, grey level 0–255.
+    p_norm, p_norm_mean, p_norm_std : float
+        Quality: measured, predicted, standard deviation.
+    exposure_mean_ms, exposure_std_ms : float
+        Predicted exposure time for this brightness, and its standard deviation.
+    inside : bool
+        Whether its pose lies inside the box of both models' training poses.
+    """
+
+    feature: str
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    radius_mm: float
+    i_avg: float
+    p_norm: float
+    p_norm_mean: float
+    p_norm_std: float
+    exposure_mean_ms: float
+    exposure_std_ms: float
+    inside: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureForecast:
+    """Unseen features of one capture (Fig. 15).
+
+    Parameters
+    ----------
+    view : str
+        The capture's view.
+    exposure_ms : float
+        Its true exposure time.
+    quality_variant, exposure_variant : str
+        The models' names.
+    features : tuple of FeatureForecast
+        By name.
+    """
+
+    view: str
+    exposure_ms: float
+    quality_variant: str
+    exposure_variant: str
+    features: tuple[FeatureForecast, ...]
+
+
+def capture_forecast(
+    quality: tuple[str, TrainedModel],
+    exposure: tuple[str, TrainedModel],
+    table: ObservationTable,
+    *,
+    exposure_near_ms: float = 27.0,
+) -> CaptureForecast:
+    """Predict for all features of the capture that shows most of them well enough.
+
+    Parameters
+    ----------
+    quality, exposure : (str, TrainedModel)
+        Names and models.
+    table : ObservationTable
+        Unseen features.
+    exposure_near_ms : float
+        Among captures that show equally many (with p_norm ≥ 0.75, then at all), the one nearest to
+        this exposure time is taken; the paper shows 27 ms.
+
+    Raises
+    ------
+    ObservationError
+        If no feature is measured in the table.
+    """
+    measured = table.measured()
+    if len(measured) == 0:
+        msg = f"no measured row among {len(table)}: no capture to predict for"
+        raise ObservationError(msg)
+    view, exposure_ms = _fullest_capture(measured, exposure_near_ms)
+    captured = measured.array(["exposure_ms"])[:, 0] == exposure_ms
+    rows = measured.where((measured.names("view") == view) & captured)
+    return CaptureForecast(
+        view=view,
+        exposure_ms=exposure_ms,
+        quality_variant=quality[0],
+        exposure_variant=exposure[0],
+        features=tuple(_forecasts(quality[1], exposure[1], rows)),
+    )
+
+
+def _forecasts(
+    quality: TrainedModel, exposure: TrainedModel, rows: ObservationTable
+) -> list[FeatureForecast]:
+    """Predict for each row, by the features' names."""
+    q, e = quality.predict_table(rows), exposure.predict_table(rows)
+    inside = _pose_inside(quality, rows) & _pose_inside(exposure, rows)
+    values = rows.array(["x_mm", "y_mm", "z_mm", "radius_mm", "i_avg", "p_norm"])
+    features = [
+        FeatureForecast(
+            feature=str(name),
+            x_mm=float(own[0]),
+            y_mm=float(own[1]),
+            z_mm=float(own[2]),
+            radius_mm=float(own[3]),
+            i_avg=float(own[4]),
+            p_norm=float(own[5]),
+            p_norm_mean=float(q.mean[i]),
+            p_norm_std=float(q.std[i]),
+            exposure_mean_ms=float(e.mean[i]),
+            exposure_std_ms=float(e.std[i]),
+            inside=bool(inside[i]),
+        )
+        for i, (name, own) in enumerate(zip(rows.names("feature"), values, strict=True))
+    ]
+    return sorted(features, key=lambda own: own.feature)
+
+
+def _fullest_capture(measured: ObservationTable, exposure_near_ms: float) -> tuple[str, float]:
+    counted, good = (_captures(own) for own in (measured, measured.with_quality(P_NORM_MIN)))
+    return min(
+        counted,
+        key=lambda key: (
+            -good[key],
+            -counted[key],
+            abs(np.log(key[1] / exposure_near_ms)),
+            key[0],
+        ),
+    )
+
+
+def _captures(table: ObservationTable) -> Counter[tuple[str, float]]:
+    """Count the rows of each view and exposure time."""
+    exposures = table.array(["exposure_ms"])[:, 0].tolist()
+    return Counter(zip(table.names("view").tolist(), exposures, strict=True))
+
+
+def _pose_inside(model: TrainedModel, rows: ObservationTable) -> NDArray[np.bool_]:
+    return inside_training_poses(model, rows.array(model.specification.inputs))
+
+
+DEPTHS_MM = (-150.0, 0.0, 150.0)
+"""z_tcp of the columns of Figs. 12, 24, 25 and 26."""
+GREY_LEVELS = (25.0, 75.0, 125.0)
+"""i_avg of their rows."""
+
+_GRID = 33
+_NEAR_MM = 45.0
+"""Training poses this near to a depth are shown with it: a plane's features lie ±20 mm deep, and
+its depth differs from the drawn one by up to 20 mm."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictionSurfaces:
+    """Mean and standard deviation over x and y (Figs. 12, 24, 25, 26).
+
+    Parameters
+    ----------
+    variant : str
+        The model's name.
+    target : {"p_norm", "exposure_ms"}
+        What it predicts.
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's.
+    x_mm : (nx,) ndarray
+        Grid in the TCP frame, mm: the training data's range.
+    y_mm : (ny,) ndarray
+        The same along y.
+    z_mm : (3,) ndarray
+        Depths, mm.
+    i_avg : (3,) ndarray
+        Grey levels.
+    mean, std : (3, 3, ny, nx) ndarray
+        Prediction and standard deviation of a new observation, in the target's unit; first by
+        grey level, then by depth.
+    trained_mm : tuple of (k, 2) ndarray
+        For each depth x and y of the training poses near it.
+    """
+
+    variant: str
+    target: Literal["p_norm", "exposure_ms"]
+    sensor: SensorKind
+    x_mm: NDArray[np.float64]
+    y_mm: NDArray[np.float64]
+    z_mm: NDArray[np.float64]
+    i_avg: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    std: NDArray[np.float64]
+    trained_mm: tuple[NDArray[np.float64], ...]
+
+
+def prediction_surfaces(
+    variant: str, model: TrainedModel, sensor: SensorKind
+) -> PredictionSurfaces:
+    """Ask a model over the x-y plane; the sensor squarely faces the feature (w = p = 0).
+
+    Parameters
+    ----------
+    variant : str
+        The model's name, kept.
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's, kept.
+    model : TrainedModel
+        Reads i_avg and at least x, y, z.
+
+    Raises
+    ------
+    InputError
+        If the model does not read the position.
+    """
+    names = model.specification.inputs
+    missing = [name for name in ("i_avg", "x_mm", "y_mm", "z_mm") if name not in names]
+    if missing:
+        msg = (
+            f"surfaces over x and y need a model that reads {', '.join(missing)}; "
+            f"{model.specification.name} reads {', '.join(names)}"
+        )
+        raise InputError(msg)
+    ranges = model.training_range()
+    x, y = (np.linspace(*ranges[name], _GRID) for name in ("x_mm", "y_mm"))
+    z, grey = np.array(DEPTHS_MM), np.array(GREY_LEVELS)
+    i_grid, z_grid, y_grid, x_grid = np.meshgrid(grey, z, y, x, indexing="ij")
+    grids = {"i_avg": i_grid, "z_mm": z_grid, "y_mm": y_grid, "x_mm": x_grid}
+    square = np.zeros_like(i_grid)  # the w and p of a squarely facing sensor
+    inputs = np.stack([grids.get(name, square).ravel() for name in names], axis=1)
+    prediction = model.predict(inputs)
+    return PredictionSurfaces(
+        variant=variant,
+        target=model.specification.target,
+        sensor=sensor,
+        x_mm=x,
+        y_mm=y,
+        z_mm=z,
+        i_avg=grey,
+        mean=prediction.mean.reshape(i_grid.shape),
+        std=prediction.std.reshape(i_grid.shape),
+        trained_mm=tuple(_near(model, depth) for depth in DEPTHS_MM),
+    )
+
+
+def _near(model: TrainedModel, depth_mm: float) -> NDArray[np.float64]:
+    names = model.specification.inputs
+    x, y, z = (model.process.x[:, names.index(name)] for name in ("x_mm", "y_mm", "z_mm"))
+    near = np.abs(z - depth_mm) <= _NEAR_MM
+    places = np.stack([x[near], y[near]], axis=1).reshape(-1, 2)
+    return np.unique(np.round(places, 1), axis=0)
