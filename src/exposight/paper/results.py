@@ -156,7 +156,7 @@ class EvaluationSet:
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """One step of the ladder: a model, what it learns from, and what it is judged by.
+    """A model of the study: what it learns from, and what it is judged by.
 
     Parameters
     ----------
