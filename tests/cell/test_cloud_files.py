@@ -214,6 +214,14 @@ def test_a_csv_with_decimal_commas_is_refused(tmp_path):
         read_cloud(tmp_path / "cloud.csv")
 
 
+def test_another_unit_is_converted_to_mm(tmp_path):
+    (tmp_path / "cloud.xyz").write_text("0.001 0.5 -1\nnan nan nan\n")
+    points = read_cloud(tmp_path / "cloud.xyz", unit="m").points
+    np.testing.assert_allclose(points, [[1, 500, -1000], [np.nan] * 3])
+    with pytest.raises(CloudError, match="must be mm, cm, m, got 'inch'"):
+        read_cloud(tmp_path / "cloud.xyz", unit="inch")
+
+
 # -- NPY ----------------------------------------------------------------------------------------
 
 

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from exposight.cell import PRESETS, sensor_preset
-from exposight.errors import SensorError
+from exposight.cell import PRESETS, sensor_named_or_read, sensor_preset, write_sensor
+from exposight.errors import MissingFileError, SensorError
 
 FIELDS_MM = {  # Table 7 of the paper: distance, width, height
     "comet-pro-ae": [(400, 400, 270), (600, 590, 390), (800, 780, 520)],
@@ -89,3 +89,13 @@ def test_the_rc_visard_is_as_its_makers_specification_says(reference_data):
 def test_an_unknown_preset_tells_the_known_ones():
     with pytest.raises(SensorError, match="called 'zivid'; there are comet-pro-ae, rc-visard-65"):
         sensor_preset("zivid")
+
+
+def test_a_sensor_is_named_or_read(tmp_path, sensor):
+    write_sensor(tmp_path / "mine.json", sensor)
+    assert sensor_named_or_read("rc-visard-65").name == sensor_preset("rc-visard-65").name
+    assert sensor_named_or_read(tmp_path / "mine.json").name == sensor.name
+    with pytest.raises(MissingFileError):
+        sensor_named_or_read("gone.json")
+    with pytest.raises(SensorError, match=r"or the JSON file of a sensor.*mean 'comet-pro-ae'"):
+        sensor_named_or_read("comet-pro")

@@ -3,7 +3,7 @@
 import polars as pl
 import pytest
 
-from exposight.cell import CampaignFolder, CampaignWriter, Capture, Cloud, read_cloud, write_cloud
+from exposight.cell import Cloud, read_cloud, write_cloud
 from exposight.observing import ObservationTable, read_observations
 
 
@@ -111,31 +111,6 @@ def test_a_cloud_whose_unit_is_said(in_metres, single, tmp_path, run_json):
     words.insert(words.index("--cloud") + 1, single / "cloud.ply")
     run_json(*words, *pose)
     assert told.frame.equals(read_observations(tmp_path / "mm.csv").frame)
-
-
-def test_a_campaign_of_clouds_in_metres_is_refused(campaign, tmp_path, run):
-    recorded = CampaignFolder(campaign)
-    capture = next(recorded.captures())
-    with CampaignWriter.open_or_create(
-        tmp_path / "metres", name="metres", sensor=recorded.sensor, part=recorded.part
-    ) as writer:
-        writer.add(
-            Capture(
-                view=capture.view,
-                exposure_ms=capture.exposure_ms,
-                image=capture.image,
-                cloud=Cloud(points=1e-3 * read_points(recorded)),
-                camera_from_part=capture.camera_from_part,
-            )
-        )
-    result = run("observe", tmp_path / "metres", "-o", tmp_path / "o.csv")
-    assert result.exit_code == 1
-    assert "multiply the clouds by 1000 before they are put into a campaign" in result.stderr
-
-
-def read_points(campaign):
-    """The first cloud of a campaign that has a point."""
-    return next(own.cloud.points for own in campaign.captures() if own.cloud.n_valid)
 
 
 def test_a_campaign_s_unit_cannot_be_said(campaign, run):

@@ -2,13 +2,14 @@ from dataclasses import replace
 
 import pytest
 
-from exposight.errors import FormatError, MissingFileError
+from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.imaging import (
     SEQUENCE_PRESETS,
     Fringe,
     GrayCode,
     PhaseShift,
     read_sequence,
+    sequence_named_or_read,
     sequence_to_toml,
 )
 
@@ -76,3 +77,11 @@ def test_what_is_written_is_read_again(tmp_path, preset):
     sequence = replace(SEQUENCE_PRESETS[preset], name='a "name" of its own', bit_depth=12)
     (tmp_path / "s.toml").write_text(sequence_to_toml(sequence), encoding="utf-8")
     assert read_sequence(tmp_path / "s.toml") == sequence
+
+
+def test_a_sequence_is_named_or_read(tmp_path):
+    (tmp_path / "mine.toml").write_text(HEAD + GRAY, encoding="utf-8")
+    assert sequence_named_or_read("board") is SEQUENCE_PRESETS["board"]
+    assert sequence_named_or_read(tmp_path / "mine.toml").name == "mine"
+    with pytest.raises(ImageError, match=r"or a TOML file.*did you mean 'skull_gray'"):
+        sequence_named_or_read("skull_grey")

@@ -174,6 +174,13 @@ def test_a_campaign_gives_a_row_for_each_capture_and_feature(
     assert table.array(["exposure_ms"])[:, 0].tolist() == [5, 5, 10, 10, 20, 20]
 
 
+def test_clouds_in_metres_are_refused(sensor, facing, make_capture, campaign_of):
+    dark = make_capture(sensor, facing, view="dark", cloud=EMPTY)
+    cloud = Cloud(points=1e-3 * make_capture(sensor, facing).cloud.points)
+    with pytest.raises(CloudError, match=r"points lie 0\.6.* from it, so its unit is m, not mm"):
+        observe_campaign(campaign_of(dark, make_capture(sensor, facing, cloud=cloud)))
+
+
 def test_every_view_has_masks_of_its_own(sensor, facing, make_capture, campaign_of):
     turned = RigidTransform.from_fanuc_wpr((20, 0, 600), 0, 25, 0)
     captures = [

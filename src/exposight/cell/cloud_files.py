@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,8 +33,12 @@ if TYPE_CHECKING:
 _CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
 
-def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
-    """Read a point cloud in mm; the file's suffix tells its format.
+LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, "m": 1000.0})
+"""Units that the coordinates of a cloud's file may have, in mm."""
+
+
+def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "mm") -> Cloud:
+    """Read a point cloud; the file's suffix tells its format.
 
     Parameters
     ----------
@@ -40,6 +46,8 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
         A .ply, .pcd, .xyz, .txt, .csv or .npy file.
     size : (int, int), optional
         Rows and columns of the image, for an organised cloud whose file does not tell them.
+    unit : {'mm', 'cm', 'm'}
+        Of the file's coordinates, which files do not tell; the cloud is in mm.
 
     Raises
     ------
@@ -50,7 +58,7 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
     DamagedFileError
         If it is empty or cut off.
     CloudError
-        If the number of points is not rows × columns.
+        If the number of points is not rows × columns, or the unit is another.
     """
     path = Path(path)
     if path.suffix.lower() not in _FORMATS:
@@ -58,6 +66,9 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
     if not path.is_file():
         msg = f"no point cloud at {path}"
         raise MissingFileError(msg)
+    if unit not in LENGTH_UNITS_MM:
+        msg = f"the unit of a cloud must be {', '.join(LENGTH_UNITS_MM)}, got {unit!r}"
+        raise CloudError(msg)
     data = path.read_bytes()
     if not data:
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
@@ -65,6 +76,8 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None) -> Cloud:
     read, _ = _FORMATS[path.suffix.lower()]
     try:
         cloud = Cloud(points=read(data, path))
+        if unit != "mm":
+            cloud = Cloud(points=LENGTH_UNITS_MM[unit] * cloud.points)
         return cloud if size is None else cloud.organise(*size)
     except CloudError as error:
         msg = f"{path}: {error}"

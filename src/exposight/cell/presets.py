@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
-from exposight.cell.sensor import ActiveSensor, Projector
-from exposight.errors import SensorError
+from exposight.cell.sensor import ActiveSensor, Projector, read_sensor
+from exposight.errors import SensorError, did_you_mean
 from exposight.geometry import PinholeCamera, RigidTransform
 
 PresetName = Literal["comet-pro-ae", "rc-visard-65"]
@@ -126,4 +127,31 @@ def sensor_preset(name: str) -> ActiveSensor:
         if known == name:
             return build()
     msg = f"no sensor preset is called {name!r}; there are {', '.join(PRESETS)}"
-    raise SensorError(msg)
+    raise SensorError(msg + did_you_mean(name, PRESETS))
+
+
+def sensor_named_or_read(name_or_path: str | Path) -> ActiveSensor:
+    """Return the sensor that a preset's name or the path of a JSON file stands for.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A key of `PRESETS`, or a sensor's JSON file.
+
+    Raises
+    ------
+    SensorError
+        If it is neither.
+    FileError
+        If the file cannot be read as a sensor.
+    """
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in PRESETS:
+        return sensor_preset(name)
+    if path.is_file() or path.suffix.lower() == ".json":
+        return read_sensor(path)
+    msg = (
+        f"no sensor '{name}': expected one of the presets {', '.join(PRESETS)}, or the JSON file "
+        "of a sensor (every campaign folder has its own, sensor.json)"
+    )
+    raise SensorError(msg + did_you_mean(name, PRESETS))

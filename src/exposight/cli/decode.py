@@ -12,7 +12,6 @@ import numpy as np
 import typer
 
 from exposight.cell import CLOUD_SUFFIXES, write_cloud
-from exposight.cli.arguments import sequence_from
 from exposight.cli.output import (
     JsonOption,
     count,
@@ -32,6 +31,7 @@ from exposight.imaging import (
     DecodingLimits,
     decode,
     read_recording,
+    sequence_named_or_read,
     triangulate,
 )
 
@@ -129,7 +129,7 @@ def decode_command(
         msg = f"expected 0 ≤ NEAR < FAR in mm, got {near_mm:g} {far_mm:g}"
         raise typer.BadParameter(msg, param_hint="--depth-limits")
     limits = DecodingLimits(min_modulation=min_modulation)
-    patterns = sequence_from(sequence)
+    patterns = sequence_named_or_read(sequence)
     rig = read_projector_camera(calibration, projector_size=projector_size)
     start = time.perf_counter()
     stack = read_recording(folder, patterns)

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from exposight.cell import PAPER_TOLERANCE, PRESETS, CampaignFolder, RingTolerance
-from exposight.cli.arguments import POSE_CONVENTIONS, keep_inputs
+from exposight.cli.arguments import keep_inputs
 from exposight.cli.output import (
     JsonOption,
     count,
@@ -23,8 +23,9 @@ from exposight.cli.output import (
     print_table,
     progress_bars,
 )
-from exposight.cli.single_capture import CloudUnit, SingleCapture, check_cloud_unit
+from exposight.cli.single_capture import CloudUnit, SingleCapture
 from exposight.errors import FormatError
+from exposight.geometry import POSE_CONVENTIONS
 from exposight.observing import Visibility, observe_campaign
 
 if TYPE_CHECKING:
@@ -141,7 +142,6 @@ def observe_command(
     source = _source(campaign, single)
     with progress_bars() as progress:
         table = observe_campaign(source, tolerance, progress=partial(progress, "observing"))
-    check_cloud_unit(source, table)
     table.write(output)
     if as_json:
         print_json(_document(source, table, output))

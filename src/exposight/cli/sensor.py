@@ -9,7 +9,6 @@ import numpy as np
 import typer
 
 from exposight.cell import ActiveSensor, Projector, write_sensor
-from exposight.cli.arguments import pose_from_file
 from exposight.cli.facts import sensor_facts
 from exposight.cli.output import JsonOption, note, number, print_facts, print_json, print_line
 from exposight.cli.recordings import is_camera_info
@@ -19,6 +18,7 @@ from exposight.geometry import (
     PinholeCamera,
     RigidTransform,
     read_opencv_file,
+    read_pose,
     read_projector_camera,
     read_ros_camera_info,
 )
@@ -168,7 +168,7 @@ def _calibrated(
     camera = read_ros_camera_info(path)
     if projector is None or pose is None:
         return camera, None
-    return camera, _projector(read_ros_camera_info(projector), pose_from_file(pose), pose)
+    return camera, _projector(read_ros_camera_info(projector), read_pose(pose), pose)
 
 
 def _projector(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from exposight.cell import PRESETS
-from exposight.cli.arguments import make_folder, sensor_from
+from exposight.cell import PRESETS, sensor_named_or_read
+from exposight.cli.arguments import make_folder
 from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperparameters
 from exposight.cli.output import (
     JsonOption,
@@ -115,7 +115,7 @@ def train_command(
     """
     specifications = MODELS if _ALL in models else tuple(map(_model, dict.fromkeys(models)))
     table = read_observations(observations)
-    owner = None if sensor is None else sensor_from(sensor)
+    owner = None if sensor is None else sensor_named_or_read(sensor)
     if owner is not None:
         _check_exposures(table, owner)
     make_folder(output, "the models")

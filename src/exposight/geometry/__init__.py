@@ -24,3 +24,4 @@ from exposight.geometry.poses import (
     check_rotation,
     rotation_facing,
 )
+from exposight.geometry.written_poses import POSE_CONVENTIONS, parse_pose, read_pose

@@ -7,7 +7,7 @@ from exposight.imaging.frames import BitDepth, FrameStack, check_frames, read_fr
 from exposight.imaging.phase_shift import phase_and_modulation, unwrap_step
 from exposight.imaging.re_exposure import re_expose
 from exposight.imaging.rectification import RectifiedPair, rectify
-from exposight.imaging.sequence_file import read_sequence, sequence_to_toml
+from exposight.imaging.sequence_file import read_sequence, sequence_named_or_read, sequence_to_toml
 from exposight.imaging.sequences import (
     SEQUENCE_PRESETS,
     Fringe,

@@ -31,10 +31,16 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from exposight.errors import FormatError, ImageError, MissingFileError
+from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
 from exposight.files.document_faults import faults
 from exposight.imaging.frames import BitDepth
-from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
+from exposight.imaging.sequences import (
+    SEQUENCE_PRESETS,
+    Fringe,
+    GrayCode,
+    PatternSequence,
+    PhaseShift,
+)
 
 _Frame = Annotated[int, Field(ge=0)]
 _STRICT = ConfigDict(extra="forbid", frozen=True)
@@ -122,6 +128,33 @@ def read_sequence(path: str | Path) -> PatternSequence:
     except ImageError as error:
         msg = f"{path}: {error}"
         raise FormatError(msg) from error
+
+
+def sequence_named_or_read(name_or_path: str | Path) -> PatternSequence:
+    """Return the pattern sequence that a preset's name or the path of a TOML file stands for.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A key of `SEQUENCE_PRESETS`, or a TOML file.
+
+    Raises
+    ------
+    ImageError
+        If it is neither.
+    FileError
+        If the file cannot be read as a sequence.
+    """
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in SEQUENCE_PRESETS:
+        return SEQUENCE_PRESETS[name]
+    if path.is_file() or path.suffix.lower() == ".toml":
+        return read_sequence(path)
+    msg = (
+        f"no pattern sequence '{name}': expected one of the presets "
+        f"{', '.join(SEQUENCE_PRESETS)}, or a TOML file that says what each frame shows"
+    )
+    raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
 
 
 def sequence_to_toml(sequence: PatternSequence) -> str:

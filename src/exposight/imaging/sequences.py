@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.errors import ImageError
+from exposight.errors import ImageError, did_you_mean
 from exposight.imaging.frames import BIT_DEPTHS, BitDepth
 
 if TYPE_CHECKING:
@@ -350,5 +350,5 @@ def sequence_preset(name: str) -> PatternSequence:
     """
     if name not in SEQUENCE_PRESETS:
         msg = f"no pattern sequence '{name}'; there are {', '.join(SEQUENCE_PRESETS)}"
-        raise ImageError(msg)
+        raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
     return SEQUENCE_PRESETS[name]

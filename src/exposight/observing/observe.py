@@ -10,6 +10,8 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from exposight.cell import PAPER_TOLERANCE
 from exposight.errors import CloudError
 from exposight.observing.brightness import ring_brightness
@@ -21,9 +23,12 @@ from exposight.observing.table import ObservationTable
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.cell import Capture, CaptureSource, RingTolerance
+    from exposight.cell import Capture, CaptureSource, Cloud, RingTolerance
 
 logger = logging.getLogger(__name__)
+
+_TOO_NEAR = 500.0
+"""A cloud in m lies 1000 times nearer than one in mm; none in mm lies 500 times too near."""
 
 
 def observe_capture(
@@ -74,24 +79,26 @@ def observe_campaign(
     Raises
     ------
     CloudError
-        If a capture was kept without its cloud, or none of the campaign has a single valid point.
-        (One dark or clipped capture without any is an observation like others: its p_norm is 0.)
+        If a capture was kept without its cloud, no cloud has a valid point, or clouds are in
+        metres: every p_norm would be 0, which nobody measured. (One dark or clipped capture
+        without any point is an observation like others: its p_norm is 0.)
     """
     rows: list[Observation] = []
     views: tuple[FeatureView, ...] = ()
     seen_from = None
-    total_points = 0
+    some_cloud: Cloud | None = None
     for done, capture in enumerate(campaign.captures(), start=1):
         if capture.camera_from_part != seen_from:  # exposures of one view share its masks
             seen_from = capture.camera_from_part
             views = view_features(campaign.part, campaign.sensor, seen_from, tolerance)
         cloud = capture.require_cloud()
-        total_points += cloud.n_valid
+        if some_cloud is None and cloud.n_valid:
+            some_cloud = cloud
         search = point_search(cloud, campaign.sensor.camera)
         rows.extend(observe_capture(capture, views, search))
         if progress is not None:
             progress(done, len(campaign))
-    if rows and total_points == 0:
+    if rows and some_cloud is None:
         msg = (
             f"campaign '{campaign.name}': none of its {len(campaign)} clouds has a valid point "
             "(NaN and all-zero points are missing ones); expected clouds in mm in the camera's "
@@ -99,7 +106,28 @@ def observe_campaign(
         )
         raise CloudError(msg)
     logger.info("observed %d captures, %d rows", len(campaign), len(rows))
-    return ObservationTable.from_observations(rows)
+    table = ObservationTable.from_observations(rows)
+    if some_cloud is not None:
+        _check_unit(campaign, table.measured(), some_cloud)
+    return table
+
+
+def _check_unit(campaign: CaptureSource, measured: ObservationTable, cloud: Cloud) -> None:
+    """Refuse clouds in metres, which lie 1000 times nearer to the sensor than the features."""
+    if len(measured) == 0 or (measured.array(["p_norm"]) > 0.0).any():
+        return
+    features_mm = campaign.sensor.camera_from_tcp.apply(measured.array(["x_mm", "y_mm", "z_mm"]))
+    expected_mm = float(np.median(np.linalg.norm(features_mm, axis=1)))
+    distance = float(np.median(np.linalg.norm(cloud.valid_points, axis=1)))
+    if distance * _TOO_NEAR > expected_mm:
+        return
+    msg = (
+        f"every p_norm is 0: features are expected {expected_mm:.0f} mm from the camera, and the "
+        f"cloud's points lie {distance:.3g} from it, so its unit is m, not mm; say --cloud-unit m "
+        "(in Python, read_cloud's unit='m') for a single capture, or multiply the clouds by 1000 "
+        "before they are put into a campaign"
+    )
+    raise CloudError(msg)
 
 
 def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Observation:
