@@ -3,57 +3,63 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-READY  := $(VENV)/.ready
-SOURCES := $(VENV)/.sources
+USE    := $(VENV)/.ready
+DEVELOP := $(VENV)/.ready-dev
 RUN    := $(BIN)/python
 OUT    ?= demo-output
+# Compiled to byte code when first imported: installing everything so would take 90 MB more.
+PIP    := $(RUN) -m pip --quiet --disable-pip-version-check install --no-compile
 
 # Linear algebra on one thread unless a caller says otherwise: beside other work on the same cores
 # more threads cost far more than they gain (docs/architecture.md).
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check docs bench requirements clean
+.PHONY: help demo test quick check docs bench requirements clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
 
-$(READY): requirements.txt pyproject.toml
+$(USE): requirements.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("exposight needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; name another with make PYTHON=…") if sys.version_info < (3, 11) else None'
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
+	$(PIP) --require-hashes --no-deps -r requirements.txt
+	$(PIP) --no-build-isolation --no-deps --editable .
+	@$(RUN) -m pip --quiet uninstall --yes setuptools
 	@touch $@
 
-# numba keeps a compiled loop although another module that it calls has changed; so nothing compiled
-# outlives a change of the sources.
-$(SOURCES): $(READY) $(shell find src -name '*.py')
-	find src -name '*.nb[ic]' -delete
+$(DEVELOP): $(USE) requirements-dev.txt
+	$(PIP) --require-hashes --no-deps -r requirements-dev.txt
 	@touch $@
 
-demo: $(SOURCES)  ## Run the whole method on a simulated cell and write a report
+demo: $(USE)  ## Run the whole method on a simulated cell and write a report
 	$(BIN)/exposight demo --output $(OUT)
 
-test: $(SOURCES)  ## Run the tests
+test: $(DEVELOP)  ## Run the tests
 	$(RUN) -m pytest
 
-check: $(READY)  ## Lint, check types strictly, check the import contract
+quick: $(DEVELOP)  ## Run the tests but for the slow ones
+	$(RUN) -m pytest -m "not slow"
+
+check: $(DEVELOP)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m ruff format --check .
 	$(RUN) -m ruff check .
 	$(RUN) -m mypy
 	$(BIN)/lint-imports --no-logo
 
-docs: $(SOURCES)  ## Draw the pictures in docs/ again
+docs: $(DEVELOP)  ## Draw the pictures in docs/ again
 	$(RUN) docs/draw_pictures.py
 
-bench: $(SOURCES)  ## Run a benchmark: make bench NAME=real
+bench: $(DEVELOP)  ## Run a benchmark: make bench NAME=real
 	@test -n "$(NAME)" || { echo "say which: make bench NAME=real"; exit 2; }
 	$(RUN) -m benchmarks.$(NAME)
 
-requirements:  ## Pin the dependencies again, with hashes and without addresses
-	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
-	  --no-emit-index-url --no-emit-find-links --no-annotate --extra dev --extra cluster pyproject.toml --output-file requirements.txt
+requirements: $(DEVELOP)  ## Pin the dependencies again, with hashes and without addresses
+	$(PIP) uv
+	for extras in "requirements.txt" "requirements-dev.txt --extra dev --extra cluster"; do \
+	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+	    --no-emit-index-url --no-emit-find-links --no-annotate --extra build pyproject.toml \
+	    --output-file $$extras; done
 
 clean:  ## Remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -76,10 +76,10 @@ def decoded() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         campaign = simulate(plan, Path(folder) / "c", CellSettings(raw_frames=True))
         (capture,) = campaign.captures()
-        beside = campaign.beside(campaign.numbers[0])
+        attachments = dict(capture.attachments)
     points = capture.require_cloud().valid_points.astype(np.float64)
     frames = np.stack(
-        [_image(beside[name]) for name in sorted(beside) if name.startswith("frame-")]
+        [_image(attachments[name]) for name in sorted(attachments) if name.startswith("frame-")]
     )
     return {
         "points": len(points),
