@@ -1,8 +1,8 @@
 """How large the house is, what in it nothing reaches, and how long its doors take to open.
 
-Reaching is judged from the source alone: from the commands, the names of ``import exposight`` and the
-examples, every name that a reached definition mentions is reached, and a method is reached when its
-class is and some reached code mentions its name as an attribute.
+Reaching is judged from the source alone: from the commands, the names of ``import exposight`` and
+the examples, every name that a reached definition mentions is reached, and a method is reached when
+its class is and some reached code mentions its name as an attribute.
 """
 
 from __future__ import annotations
