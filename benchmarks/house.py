@@ -122,10 +122,9 @@ class Graph:
                 self.methods[key].append((module.name, name))
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            for target in targets:
-                for name in ast.walk(target):
-                    if isinstance(name, ast.Name):
-                        self._add(module, name.id, node)
+            for part in (part for target in targets for part in ast.walk(target)):
+                if isinstance(part, ast.Name):
+                    self._add(module, part.id, node)
         elif isinstance(node, ast.Expr):
             self._add(module, f"<line {node.lineno}>", node)
 
@@ -255,8 +254,9 @@ def size() -> dict[str, float]:
         lines += count
         longest = max(longest, (str(path.relative_to(SOURCE)), count), key=lambda pair: pair[1])
         for node in ast.walk(ast.parse(text)):
-            is_all = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
-            if isinstance(node, ast.Import | ast.ImportFrom) or is_all:
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) != "__all__":
+                continue
+            if isinstance(node, ast.Import | ast.ImportFrom | ast.Assign):
                 imports += (node.end_lineno or node.lineno) - node.lineno + 1
         if path.name != "__init__.py" and path.parent.name != "cli":
             names[path.name] += 1
