@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from benchmarks.gp_data import Problem
 from exposight.gp import Bounds, DataScale, gpy_length_scale
+from exposight.gp.fitting import Search
 from exposight.gp.likelihood import MarginalLikelihood
-from exposight.gp.search import Search
 
 
 class Engine(ABC):
@@ -43,7 +43,6 @@ class Exposight(Engine):
         self._search = Search(
             kernel=problem.kernel,
             limits=Bounds().log_limits(problem.kernel, DataScale.of(problem.x, problem.y)),
-            priors={},
             max_iterations=1000,
         )
         self.evaluations = 0

@@ -14,14 +14,13 @@ from exposight.gp import (
     Committee,
     Exponential,
     GaussianProcess,
-    LogNormal,
     RationalQuadratic,
     SquaredExponential,
     fit_committee,
     kernel_from_dict,
 )
 from exposight.gp.committee_fitting import ShardTask, evaluate_shard
-from exposight.gp.shards import in_length_scales, split_by_space
+from exposight.gp.experts import in_length_scales, split_by_space
 from exposight.statistics import negative_log_predictive_density, rmse
 
 # Two ways to the same factor, of a few hundred rows.
@@ -134,7 +133,8 @@ def test_threads_change_nothing_and_progress_is_told():
     np.testing.assert_array_equal(ours.mean, theirs.mean)
     np.testing.assert_array_equal(ours.std, theirs.std)
     assert steps == [("conditioning", done + 1, one.experts) for done in range(one.experts)]
-    assert rows[-1] == ("predicting", 1200, 1200)
+    inside = int((~GATED.gate(new)).sum())
+    assert rows[-1] == ("predicting", inside, inside)
 
 
 def test_a_committee_is_rebuilt_from_what_describes_it():
@@ -244,12 +244,12 @@ def test_the_search_climbs_from_where_the_warm_start_ended(fit_here):
     assert not np.allclose(kernel.log_parameters, fit_here.warm_start.process.kernel.log_parameters)
 
 
-def test_the_shards_likelihoods_add_up_and_agree_with_conditioning():
+def test_a_shards_likelihood_agrees_with_conditioning(gradient_of):
     x, y = observe(80)
     likelihood, gradient = evaluate_shard(ShardTask(kernel=KERNEL, noise_variance=NOISE, x=x, y=y))
     process = GaussianProcess.condition(KERNEL, NOISE, x, y)
     assert likelihood == pytest.approx(process.log_marginal_likelihood, rel=ROUNDING)
-    np.testing.assert_allclose(gradient, process.log_marginal_likelihood_gradient(), rtol=1e-6)
+    np.testing.assert_allclose(gradient, gradient_of(process), rtol=1e-6)
 
 
 def assert_same_fit(one, other):
@@ -289,16 +289,11 @@ def test_a_search_on_some_shards_conditions_on_all():
     assert result.searched < 200 < result.committee.observations
 
 
-def test_bounds_and_priors_hold():
+def test_bounds_hold():
     low, high = 0.02, 0.03
-    result = fitted(
-        bounds=Bounds(named={"noise_variance": (low, high)}),
-        priors={"rational_quadratic.alpha": LogNormal(median=5.0, spread=0.01)},
-    )
+    result = fitted(bounds=Bounds(named={"noise_variance": (low, high)}))
     assert result.committee.noise_variance == pytest.approx(low)
-    assert result.parameters_at_bound == ("noise_variance",)
-    alpha = {own.name: own.value for own in result.committee.kernel.parameters}
-    assert alpha["rational_quadratic.alpha"] == pytest.approx(5.0, rel=0.05)
+    assert "noise_variance" in result.parameters_at_bound
 
 
 def test_progress_counts_starts_search_and_experts():

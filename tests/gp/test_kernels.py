@@ -16,7 +16,6 @@ from exposight.gp import (
     Sum,
     gpy_length_scale,
     kernel_from_dict,
-    length_scale_from_gpy,
 )
 
 ORIGIN = np.zeros((1, 2))
@@ -83,15 +82,16 @@ def test_table_8_varies_by_20_ms_over_100_mm_with_the_exponential_kernel():
 def test_the_exponential_gradient_survives_pairs_that_differ_by_rounding():
     x = np.array([[300.0, 1.0], [np.nextafter(300.0, 301.0), 1.0], [250.0, 2.0]])
     kernel = Exponential(variance=1.0, length_scales=(80.0, 1.0), dims=(0, 1))
-    apart = kernel.gradient_dot(x[[0, 2]], np.ones((2, 2)))
+    apart = kernel.weigh(x[[0, 2]], x[[0, 2]], np.ones((2, 2)))
     # the coincident pair counts as one row of double weight
     weights = np.array([[0.0, 0.5, 0.5], [0.5, 0.0, 0.5], [0.5, 0.5, 0.0]])
-    np.testing.assert_allclose(kernel.gradient_dot(x, weights)[1:], apart[1:], rtol=1e-12)
+    np.testing.assert_allclose(kernel.weigh(x, x, weights)[1:], apart[1:], rtol=1e-12)
 
 
 def test_gpys_length_scale_is_larger_by_the_root_of_alpha():
     assert gpy_length_scale(3.0, alpha=0.25) == pytest.approx(1.5)
-    assert length_scale_from_gpy(gpy_length_scale(3.0, alpha=0.39), alpha=0.39) == pytest.approx(3)
+    with pytest.raises(InputError, match="length_scale and alpha must be positive"):
+        gpy_length_scale(3.0, alpha=-1.0)
 
 
 def test_a_gate_includes_its_limits():
@@ -201,11 +201,6 @@ def test_a_factor_that_is_no_kernel_is_refused():
 def test_a_column_that_is_not_there_is_named():
     with pytest.raises(ObservationError, match=r"reads column 1 .* but x has 1 columns"):
         SquaredExponential(**ARD).value([[1.0]], [[1.0]])
-
-
-def test_weights_of_another_shape_are_refused():
-    with pytest.raises(InputError, match=r"weights must have shape \(1, 1\), got \(2, 2\)"):
-        SquaredExponential(**ARD).gradient_dot(POINT, np.ones((2, 2)))
 
 
 @pytest.mark.parametrize("vector", [[0.0], [0.0, 0.0, float("nan")]])

@@ -1,7 +1,9 @@
-"""Exact regression: closed forms, invariances, gates, and what it refuses."""
+"""Exact regression: closed forms, invariances, gates, added observations, and what it refuses."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from exposight.errors import InputError, NotPositiveDefiniteError, ObservationError
 from exposight.gp import (
@@ -12,7 +14,8 @@ from exposight.gp import (
     SquaredExponential,
     regression,
 )
-from exposight.gp.threads import limit_blas
+from exposight.gp.tiling import limit_blas
+from exposight.statistics import coverage
 
 # Cholesky factorisations of a few dozen rows, well conditioned.
 ROUNDING = 1e-10
@@ -85,13 +88,10 @@ def test_scaling_the_targets_scales_the_prediction(observations):
     np.testing.assert_allclose(three.std, 3.0 * one.std, rtol=ROUNDING, atol=ROUNDING)
 
 
-def test_predict_mean_and_covariance_agree_with_predict(observations):
+def test_the_mean_alone_agrees_with_predict(observations):
     process = GaussianProcess.condition(GATED, 0.04, *observations)
     x = np.random.default_rng(5).uniform(-1.5, 1.5, size=(9, 2))
-    prediction, covariance = process.predict(x), process.covariance(x)
-    np.testing.assert_allclose(process.predict_mean(x), prediction.mean, atol=ROUNDING)
-    np.testing.assert_allclose(np.diag(covariance), prediction.std**2, atol=ROUNDING)
-    np.testing.assert_allclose(covariance, covariance.T, atol=ROUNDING)
+    np.testing.assert_allclose(process.predict_mean(x), process.predict(x).mean, atol=ROUNDING)
 
 
 def test_chunks_change_nothing_and_report_progress(observations, monkeypatch):
@@ -135,7 +135,7 @@ def test_gated_observations_have_the_likelihood_of_white_noise(observations):
     np.testing.assert_allclose(process.predict_mean(x), only_inside.predict_mean(x), atol=ROUNDING)
 
 
-def test_the_likelihoods_gradient_matches_finite_differences(observations):
+def test_the_likelihoods_gradient_matches_finite_differences(observations, gradient_of):
     x, y = observations
     process = GaussianProcess.condition(GATED, 0.04, x, y)
     logs = np.append(GATED.log_parameters, np.log(0.04))
@@ -150,7 +150,7 @@ def test_the_likelihoods_gradient_matches_finite_differences(observations):
         for shift in step * np.eye(len(logs))
     ]
     # central differences of a likelihood of order 100
-    np.testing.assert_allclose(process.log_marginal_likelihood_gradient(), numeric, atol=1e-6)
+    np.testing.assert_allclose(gradient_of(process), numeric, atol=1e-6)
 
 
 def test_training_data_are_copied_and_cannot_be_changed(observations):
@@ -241,3 +241,92 @@ def test_an_unused_column_may_not_hold_nan(observations):
     )
     with pytest.raises(ObservationError, match="got nan in row 0, column 1"):
         process.predict([[1.0, float("nan")]])
+
+
+def test_observations_of_the_prior_are_predicted_with_the_right_confidence():
+    rng = np.random.default_rng(10)
+    x = rng.uniform(-1.0, 1.0, size=(800, 2))
+    covariance = GATED.value(x, x) + 0.05 * np.eye(800)
+    y = np.linalg.cholesky(covariance) @ rng.normal(size=800)
+    process = GaussianProcess.condition(GATED, 0.05, x[:400], y[:400])
+    prediction = process.predict(x[400:], include_noise=True)
+    # three standard errors of a share of 400
+    for k, share, tolerance in ((1.0, 0.683, 0.07), (2.0, 0.954, 0.03)):
+        covered = coverage(y[400:], prediction.mean, prediction.std, k)
+        assert covered == pytest.approx(share, abs=tolerance)
+
+
+# -- more observations: the same as conditioning afresh ---------------------------------------
+
+NOISE = 0.04
+NEW = np.random.default_rng(5).uniform(-1.2, 1.2, size=(7, 2))
+
+
+def observe(count):
+    """A quarter of them lies outside the gate."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1.3, 1.3, size=(count, 2))
+    return x, np.sin(3 * x[:, 0]) + 0.3 * x[:, 1] + 0.1 * rng.normal(size=count)
+
+
+def assert_same(one, other):
+    # well-conditioned factors of a few dozen rows, updated a few times
+    tolerance = 1e-9
+    np.testing.assert_array_equal(one.x, other.x)
+    np.testing.assert_array_equal(one.y, other.y)
+    assert one.log_marginal_likelihood == pytest.approx(
+        other.log_marginal_likelihood, rel=tolerance
+    )
+    mine, theirs = one.predict(NEW), other.predict(NEW)
+    np.testing.assert_allclose(mine.mean, theirs.mean, atol=tolerance)
+    np.testing.assert_allclose(mine.std, theirs.std, atol=tolerance)
+
+
+@settings(max_examples=40, deadline=None)
+@given(additions=st.lists(st.lists(st.integers(0, 59), max_size=6), min_size=1, max_size=5))
+def test_any_sequence_of_additions_equals_conditioning_afresh(additions):
+    x, y = observe(60)
+    held = list(range(20))
+    process = GaussianProcess.condition(GATED, NOISE, x[held], y[held])
+    for added in additions:
+        process = process.with_observations(x[added].reshape(-1, 2), y[added])
+        held += added
+    assert_same(process, GaussianProcess.condition(GATED, NOISE, x[held], y[held]))
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_adding_uses_the_present_factor(count, monkeypatch):
+    x, y = observe(40)
+    process = GaussianProcess.condition(GATED, NOISE, x[count:], y[count:])
+    before = process.predict(NEW)
+    whole = GaussianProcess.condition(GATED, NOISE, np.roll(x, -count, 0), np.roll(y, -count))
+    monkeypatch.setattr(
+        regression, "factorise", lambda *_: pytest.fail("the covariance was factorised afresh")
+    )
+    assert_same(process.with_observations(x[:count], y[:count]), whole)
+    np.testing.assert_array_equal(process.predict(NEW).mean, before.mean)
+
+
+def test_added_observations_outside_the_gate_count_as_white_noise_alone():
+    process = GaussianProcess.condition(GATED, NOISE, *observe(30))
+    more = process.with_observations([[5.0, 0.0]], [0.3])
+    noise = -0.5 * (0.3**2 / NOISE + np.log(2 * np.pi * NOISE))
+    assert more.log_marginal_likelihood - process.log_marginal_likelihood == pytest.approx(noise)
+    np.testing.assert_array_equal(more.predict_mean(NEW), process.predict_mean(NEW))
+
+
+def test_a_repeated_observation_that_leaves_no_factor_is_given_jitter():
+    kernel = SquaredExponential(variance=1.0, length_scales=1.0, dims=(0,))
+    process = GaussianProcess.condition(kernel, 1e-20, [[0.0], [3.0]], [1.0, 2.0])
+    assert process.jitter == 0.0
+    repeated = process.with_observations([[0.0]], [1.0])
+    assert 0.0 < repeated.jitter <= 1e-6
+    np.testing.assert_allclose(repeated.predict_mean([[0.0]]), 1.0, atol=1e-5)
+
+
+def test_malformed_new_observations_are_refused():
+    process = GaussianProcess.condition(SMOOTH, 0.1, [[0.0]], [0.0])
+    with pytest.raises(ObservationError, match=r"must have the 1 columns .* got 2"):
+        process.with_observations([[0.0, 1.0]], [0.0])
+    with pytest.raises(ObservationError, match="each of the 1 rows"):
+        process.with_observations([[0.0]], [0.0, 1.0])

@@ -39,19 +39,7 @@ class DataScale:
 
     @classmethod
     def of(cls, x: FloatArray, y: FloatArray) -> "DataScale":
-        """Measure checked observations.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Inputs.
-        y : (n,) array
-            Targets.
-
-        Returns
-        -------
-        DataScale
-        """
+        """Measure checked observations, (n, D) inputs and (n,) targets."""
         std, mean_square = x.std(axis=0), np.mean(x**2, axis=0)
         return cls(
             target=float(np.mean(y**2)) or 1.0,
@@ -100,7 +88,9 @@ class Bounds:
     named: Mapping[str, Limits] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        every = {own.name: getattr(self, own.name) for own in fields(self) if own.name != "named"}
+        every = {
+            bound.name: getattr(self, bound.name) for bound in fields(self) if bound.name != "named"
+        }
         for name, limits in {**every, **self.named}.items():
             low, high = limits
             if not (0.0 < low <= high and math.isfinite(high)):
@@ -110,17 +100,10 @@ class Bounds:
     def log_limits(self, kernel: Kernel, scale: DataScale) -> FloatArray:
         """Limits of the logarithms of the free hyperparameters, then of the noise variance.
 
-        Parameters
-        ----------
-        kernel : Kernel
-            Whose hyperparameters are bounded.
-        scale : DataScale
-            Of the observations.
-
         Returns
         -------
         (p + 1, 2) array
-            Natural logarithms of low and high.
+            Natural logarithms of low and high, in the order of `Kernel.log_parameters`.
 
         Raises
         ------
@@ -136,7 +119,9 @@ class Bounds:
         limits.append(
             (self.noise_variance[0] * scale.target, self.noise_variance[1] * scale.target)
         )
-        return np.log([self.named.get(name, own) for name, own in zip(known, limits, strict=True)])
+        return np.log(
+            [self.named.get(name, usual) for name, usual in zip(known, limits, strict=True)]
+        )
 
     def _limits(self, parameter: Parameter, scale: DataScale) -> Limits:
         columns = list(parameter.dims)
@@ -183,21 +168,21 @@ def _starts(kernel: Kernel, variance: float, scale: DataScale) -> list[float]:
         remaining = variance
         for factor in kernel.factors:
             starts += _starts(factor, remaining, scale)
-            if any(own.quantity in _VARIANCES for own in factor.free_parameters):
+            if any(each.quantity in _VARIANCES for each in factor.free_parameters):
                 remaining = 1.0
         return starts
     columns = list(kernel.columns)
     starts = []
-    for own in kernel.free_parameters:
-        match own.quantity:
+    for parameter in kernel.free_parameters:
+        match parameter.quantity:
             case Quantity.VARIANCE:
                 starts.append(variance)
             case Quantity.LENGTH_SCALE:
-                spread = float(np.mean(scale.column_std[list(own.dims)] ** 2))
+                spread = float(np.mean(scale.column_std[list(parameter.dims)] ** 2))
                 starts.append(math.sqrt(len(columns) * spread))
             case Quantity.ALPHA:
                 starts.append(1.0)
             case Quantity.SLOPE_VARIANCE:
-                size = float(scale.column_mean_square[list(own.dims)].mean())
+                size = float(scale.column_mean_square[list(parameter.dims)].mean())
                 starts.append(variance / (len(columns) * size))
     return starts

@@ -23,14 +23,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from exposight.gp.arguments import check_noise_variance, check_observations, check_shards
-from exposight.gp.chunks import in_chunks, part_of
-from exposight.gp.experts import CommunicationSet, Expert
+from exposight.gp.experts import CommunicationSet, Expert, check_shards, partition
 from exposight.gp.kernels import Kernel
-from exposight.gp.observations import FloatArray, IntArray, check_inputs, read_only
-from exposight.gp.posterior import Prediction
-from exposight.gp.shards import partition
-from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.gp.observations import (
+    FloatArray,
+    IntArray,
+    check_inputs,
+    check_noise_variance,
+    check_observations,
+    read_only,
+)
+from exposight.gp.regression import Prediction
+from exposight.gp.tiling import choose_threads, in_threads, limit_blas, predict_in_chunks
 from exposight.workers import Progress, ignore_progress
 
 # Rows predicted at once: 8 MB of covariances with an expert of 2000 observations.
@@ -250,16 +254,13 @@ class Committee:
         def predict_rows(chunk: slice) -> None:
             mean[rows[chunk]], variance[rows[chunk]] = self._mean_and_variance(inputs[rows[chunk]])
 
-        in_chunks(
+        predict_in_chunks(
             predict_rows,
             len(rows),
             chunk=_CHUNK,
             threads=threads,
             worthwhile=len(rows) * self.observations >= _MANY_PAIRS,
-            stage="predicting",
-            progress=part_of(
-                progress, "predicting", before=len(inputs) - len(rows), total=len(inputs)
-            ),
+            progress=progress,
         )
         if include_noise:
             variance += self.noise_variance

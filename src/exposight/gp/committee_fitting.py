@@ -1,7 +1,7 @@
 """Hyperparameters of a committee: the sum of the shards' likelihoods, evaluated anywhere."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.errors import InputError, NumericalError
-from exposight.gp.arguments import check_observations
 from exposight.gp.bounds import Bounds, DataScale
-from exposight.gp.chunks import part_of
 from exposight.gp.committee import Committee
-from exposight.gp.fitting import FitResult, fit
+from exposight.gp.experts import Rows, count_shards, partition
+from exposight.gp.fitting import FitResult, Search, StartResult, fit
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
-from exposight.gp.observations import FloatArray
-from exposight.gp.priors import NO_PRIORS, LogNormal
+from exposight.gp.observations import FloatArray, check_observations
 from exposight.gp.regression import GaussianProcess
-from exposight.gp.search import Search, StartResult
-from exposight.gp.shards import Rows, count_shards, partition
-from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.gp.tiling import choose_threads, in_threads, limit_blas
 from exposight.workers import Progress, ignore_progress
 
 
@@ -48,22 +44,7 @@ class ShardTask:
 
 
 def evaluate_shard(task: ShardTask) -> tuple[float, FloatArray]:
-    """Evaluate a shard's log marginal likelihood and its gradient, on one thread.
-
-    Parameters
-    ----------
-    task : ShardTask
-
-    Returns
-    -------
-    likelihood, gradient
-        As `MarginalLikelihood.value_and_gradient` returns them.
-
-    Raises
-    ------
-    NotPositiveDefiniteError
-        As it does.
-    """
+    """Evaluate a shard's `MarginalLikelihood` and its gradient, on one thread."""
     everywhere = np.ones(len(task.y), dtype=np.bool_)
     likelihood = MarginalLikelihood(task.x, task.y, active=everywhere, threads=1)
     return likelihood.value_and_gradient(task.kernel, task.noise_variance)
@@ -148,7 +129,6 @@ def fit_committee(
     communication: int = 1000,
     search_shards: int | None = None,
     bounds: Bounds | None = None,
-    priors: Mapping[str, LogNormal] = NO_PRIORS,
     restarts: int = 3,
     max_iterations: int = 300,
     shard_map: ShardMap | None = None,
@@ -175,10 +155,10 @@ def fit_committee(
     search_shards : int, optional
         Search on so many shards, drawn at random, instead of all: a handful of hyperparameters
         needs no hundred thousand observations.
-    bounds, priors, restarts, max_iterations
+    bounds, restarts, max_iterations
         As for `fit`.
     shard_map : ShardMap, optional
-        Who evaluates the shards, for instance the `map` of a pool of processes; threads of this
+        Evaluates the shards, for instance the `map` of a pool of processes; threads of this
         process if left out.
     threads : int, optional
         For what is done in this process; chosen if left out.
@@ -202,51 +182,50 @@ def fit_committee(
     began = time.perf_counter()
     _check_search_shards(search_shards)
     inputs, targets, active = check_observations(kernel, x, y)
-    near, own = np.ascontiguousarray(inputs[active]), targets[active]
-    experts = count_shards(len(own), shard_size=shard_size, communication=communication)
+    near, near_y = np.ascontiguousarray(inputs[active]), targets[active]
+    experts = count_shards(len(near_y), shard_size=shard_size, communication=communication)
     steps = restarts + 1 + experts
-    sample = rng.choice(len(own), size=communication, replace=False)
+    sample = rng.choice(len(near_y), size=communication, replace=False)
     warm = fit(
         kernel,
         near[sample],
-        own[sample],
+        near_y[sample],
         rng=rng,
         bounds=bounds,
-        priors=priors,
         restarts=restarts,
         max_iterations=max_iterations,
-        progress=part_of(progress, "fitting", before=0, total=steps),
+        progress=lambda _, done, __: progress("fitting", done, steps),
     )
     parts = partition(
         warm.process.kernel, near, rng, shard_size=shard_size, communication=communication
     )
     likelihood = _SumOfShards(
-        shards=[(near[rows], own[rows]) for rows in _choose(parts.shards, search_shards, rng)],
+        shards=[(near[rows], near_y[rows]) for rows in _choose(parts.shards, search_shards, rng)],
         shard_map=shard_map or _in_threads(choose_threads(threads, worthwhile=True)),
     )
-    scale = DataScale.of(near, own)
-    search = Search.of(kernel, scale, bounds=bounds, priors=priors, max_iterations=max_iterations)
-    found = _climb(search, likelihood, warm.process)
+    scale = DataScale.of(near, near_y)
+    search = Search.of(kernel, scale, bounds=bounds, max_iterations=max_iterations)
+    best = _climb(search, likelihood, warm.process)
     progress("fitting", restarts + 1, steps)
     committee = Committee.condition(
-        *search.hyperparameters(found.end),
+        *search.hyperparameters(best.end),
         inputs,
         targets,
         rng=rng,
         shard_size=shard_size,
         communication=communication,
         threads=threads,
-        progress=part_of(progress, "fitting", before=restarts + 1, total=steps),
+        progress=lambda _, done, __: progress("fitting", restarts + 1 + done, steps),
     )
     return CommitteeFitResult(
         committee=committee,
-        log_marginal_likelihood=found.log_marginal_likelihood,
-        converged=found.converged,
-        evaluations=found.evaluations,
+        log_marginal_likelihood=best.log_marginal_likelihood,
+        converged=best.converged,
+        evaluations=best.evaluations,
         seconds=time.perf_counter() - began,
         searched=likelihood.observations,
         warm_start=warm,
-        parameters_at_bound=search.at_bound(found),
+        parameters_at_bound=search.at_bound(best),
     )
 
 
@@ -272,9 +251,9 @@ def _climb(search: Search, likelihood: _SumOfShards, warm: GaussianProcess) -> S
     """Search from where the exact fit ended, as far as the limits allow."""
     start = np.append(warm.kernel.log_parameters, np.log(warm.noise_variance))
     with limit_blas(1):
-        found = search.run(likelihood, search.clip(start))
-    if found.error is not None:
+        end = search.run(likelihood, search.clip(start))
+    if end.error is not None:
         count = len(likelihood.shards)
-        msg = f"the search on {count} shards could not begin: {found.message}"
-        raise NumericalError(msg) from found.error
-    return found
+        msg = f"the search on {count} shards could not begin: {end.message}"
+        raise NumericalError(msg) from end.error
+    return end

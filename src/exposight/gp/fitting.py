@@ -1,23 +1,26 @@
-"""Hyperparameters by maximum marginal likelihood, or posterior: several starts, the best wins."""
+"""Hyperparameters by maximum marginal likelihood: several starts, the most likely end wins."""
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import minimize
 
-from exposight.errors import InputError, NumericalError
-from exposight.gp.arguments import check_noise_variance, check_observations
-from exposight.gp.bounds import Bounds, DataScale, starting_values
+from exposight.errors import InputError, NotPositiveDefiniteError, NumericalError
+from exposight.gp.bounds import NOISE_VARIANCE, Bounds, DataScale, starting_values
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
-from exposight.gp.observations import BoolArray, FloatArray, check_learnable
-from exposight.gp.priors import NO_PRIORS, LogNormal
+from exposight.gp.observations import (
+    FloatArray,
+    check_learnable,
+    check_noise_variance,
+    check_observations,
+)
 from exposight.gp.regression import GaussianProcess
-from exposight.gp.search import Search, StartResult
 from exposight.workers import Progress, ignore_progress
 
 _logger = logging.getLogger(__name__)
@@ -26,8 +29,164 @@ _logger = logging.getLogger(__name__)
 _START_SPREAD = 1.0
 # A first guess of the noise, as a share of the targets' mean square.
 _NOISE_SHARE = 0.01
-# Observations below which a third of them says too little.
-_FEWEST_FOR_WARM_START = 60
+# The objective is the likelihood of one observation: these stop within 1e-6 of the maximum's
+# likelihood for a thousand observations.
+_OPTIONS = {"ftol": 1e-11, "gtol": 1e-6, "maxcor": 20}
+# A logarithm this near to its limit counts as at it; L-BFGS-B projects onto the limits exactly.
+_AT_BOUND = 1e-6
+
+
+class Likelihood(Protocol):
+    """What a search climbs: the likelihood of observations."""
+
+    @property
+    def observations(self) -> int:
+        """Their number."""
+
+    def value_and_gradient(self, kernel: Kernel, noise_variance: float) -> tuple[float, FloatArray]:
+        """Evaluate, with derivatives by the kernel's `log_parameters` and the noise's logarithm."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StartResult:
+    """How one start of a fit ended.
+
+    Attributes
+    ----------
+    start : (p + 1,) array
+        Natural logarithms of the hyperparameters, then of the noise variance.
+    end : (p + 1,) array
+        The same, where the search stopped.
+    log_marginal_likelihood : float
+        At the end; −inf for a start that failed.
+    converged : bool
+        Whether the optimiser reports a maximum.
+    evaluations : int
+        Of likelihood and gradient.
+    message : str
+        The optimiser's message, or the reason of the failure.
+    error : NotPositiveDefiniteError or None
+        What stopped a start that failed.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    log_marginal_likelihood: float
+    converged: bool
+    evaluations: int
+    message: str
+    error: NotPositiveDefiniteError | None
+
+    @classmethod
+    def failed(
+        cls, start: FloatArray, error: NotPositiveDefiniteError, *, evaluations: int
+    ) -> "StartResult":
+        """Describe a start at which the search could not begin."""
+        return cls(
+            start=start,
+            end=start,
+            log_marginal_likelihood=-np.inf,
+            converged=False,
+            evaluations=evaluations,
+            message=str(error),
+            error=error,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """What all starts of a fit have in common.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Its form.
+    limits : (p + 1, 2) array
+        Of the logarithms.
+    max_iterations : int
+        Of the optimiser.
+    """
+
+    kernel: Kernel
+    limits: FloatArray
+    max_iterations: int
+
+    @classmethod
+    def of(
+        cls,
+        kernel: Kernel,
+        scale: DataScale,
+        *,
+        bounds: Bounds | None,
+        max_iterations: int,
+    ) -> "Search":
+        """Search within bounds, the usual ones for None, measured by the observations' scale."""
+        limits = (bounds or Bounds()).log_limits(kernel, scale)
+        return cls(kernel=kernel, limits=limits, max_iterations=max_iterations)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of what is searched for."""
+        return [*(each.name for each in self.kernel.free_parameters), NOISE_VARIANCE]
+
+    def hyperparameters(self, logs: FloatArray) -> tuple[Kernel, float]:
+        """Kernel and noise variance whose logarithms these are, (p + 1,)."""
+        return self.kernel.with_log_parameters(logs[:-1]), float(np.exp(logs[-1]))
+
+    def clip(self, logs: FloatArray) -> FloatArray:
+        """Nearest logarithms within the limits, (p + 1,)."""
+        out: FloatArray = np.clip(logs, self.limits[:, 0], self.limits[:, 1])
+        return out
+
+    def run(self, likelihood: Likelihood, start: FloatArray) -> StartResult:
+        """Search from logarithms within the limits, (p + 1,); a failure is part of the result."""
+        loss = _Loss(search=self, likelihood=likelihood)
+        options = {**_OPTIONS, "maxiter": self.max_iterations}
+        try:
+            end = minimize(
+                loss, start, jac=True, method="L-BFGS-B", bounds=self.limits, options=options
+            )
+        except NotPositiveDefiniteError as error:
+            return StartResult.failed(start, error, evaluations=loss.evaluations)
+        return StartResult(
+            start=start,
+            end=end.x,
+            log_marginal_likelihood=-likelihood.observations * float(end.fun),
+            converged=bool(end.success),
+            evaluations=loss.evaluations,
+            message=str(end.message),
+            error=None,
+        )
+
+    def at_bound(self, result: StartResult) -> tuple[str, ...]:
+        """Names of the hyperparameters that ended at a limit which leaves them room."""
+        near = np.any(np.abs(self.limits - result.end[:, None]) < _AT_BOUND, axis=1)
+        roomy = self.limits[:, 1] - self.limits[:, 0] > _AT_BOUND
+        return tuple(name for name, at in zip(self.names, near & roomy, strict=True) if at)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Loss:
+    """What the optimiser lowers: minus the log likelihood, for each observation."""
+
+    search: Search
+    likelihood: Likelihood
+    evaluations: int = 0
+    worst: float = -np.inf
+
+    def __call__(self, logs: FloatArray) -> tuple[float, FloatArray]:
+        """Evaluate with the gradient, (p + 1,)."""
+        self.evaluations += 1
+        try:
+            value, slope = self.likelihood.value_and_gradient(*self.search.hyperparameters(logs))
+        except NotPositiveDefiniteError:
+            if self.worst == -np.inf:
+                raise
+            # higher than anything before, so that the line search turns back
+            return self.worst + 1.0, np.zeros_like(logs)
+        loss = -value / self.likelihood.observations
+        self.worst = max(self.worst, loss)
+        return loss, -slope / self.likelihood.observations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,13 +203,11 @@ class FitResult:
     converged : bool
         Whether the best start converged.
     evaluations : int
-        Of likelihood and gradient, over all starts, those of a warm start included.
+        Of likelihood and gradient, over all starts.
     seconds : float
         Wall time.
     starts : tuple of StartResult
-        In the order in which they ran, failures included. After a warm start there is one.
-    warm_starts : tuple of StartResult
-        Those on a part of the observations; empty where none was asked for.
+        In the order in which they ran, failures included.
     parameters_at_bound : tuple of str
         Names of hyperparameters that ended at a limit: more data or other bounds would move
         them.
@@ -62,27 +219,7 @@ class FitResult:
     evaluations: int
     seconds: float
     starts: tuple[StartResult, ...]
-    warm_starts: tuple[StartResult, ...]
     parameters_at_bound: tuple[str, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the result, a sentence each; most often nothing."""
-        out = [
-            f"{name} ended at its bound: more data or other bounds would move it"
-            for name in self.parameters_at_bound
-        ]
-        if not self.converged:
-            out.append("the search stopped before a maximum: allow it more iterations")
-        if self.process.jitter > 0.0:
-            out.append(
-                f"the covariance matrix needed {self.process.jitter:.1e} on its diagonal: "
-                "raise the noise variance's lower bound, or remove repeated observations"
-            )
-        failed = sum(start.error is not None for start in (*self.starts, *self.warm_starts))
-        if failed:
-            out.append(f"{failed} starts failed; `starts` holds their errors")
-        return tuple(out)
 
 
 def fit(
@@ -94,9 +231,7 @@ def fit(
     noise_variance: float | None = None,
     first_start: Literal["data", "given"] = "data",
     bounds: Bounds | None = None,
-    priors: Mapping[str, LogNormal] = NO_PRIORS,
     restarts: int = 3,
-    warm_start: bool = False,
     max_iterations: int = 300,
     threads: int = 1,
     progress: Progress = ignore_progress,
@@ -112,8 +247,7 @@ def fit(
     y : (n,) array
         Targets.
     rng : numpy.random.Generator
-        Draws the starts after the first, and a warm start's rows; the same seed gives the same
-        result.
+        Draws the starts after the first; the same seed gives the same result.
     noise_variance : float, optional
         Where the search for the noise variance begins, in squared units of the target; a
         hundredth of the targets' mean square if left out.
@@ -121,14 +255,8 @@ def fit(
         Begin at values measured by the data, or at the kernel's own.
     bounds : Bounds, optional
         Limits of the hyperparameters.
-    priors : mapping of str to LogNormal, optional
-        By the name in `Kernel.parameters`, or ``"noise_variance"``. With priors the result is
-        the most probable point of the hyperparameters' logarithms.
     restarts : int
         Number of starts in all; the paper used three.
-    warm_start : bool
-        Run the starts on a third of the observations, and from the best end one search on all:
-        about half the time, and as a rule the same maximum.
     max_iterations : int
         Of the optimiser, for each start.
     threads : int
@@ -155,56 +283,42 @@ def fit(
     inputs, targets, active = check_observations(kernel, x, y)
     check_learnable(inputs, targets, dims=kernel.columns)
     scale = DataScale.of(inputs[active], targets[active])
-    search = Search.of(kernel, scale, bounds=bounds, priors=priors, max_iterations=max_iterations)
+    search = Search.of(kernel, scale, bounds=bounds, max_iterations=max_iterations)
     first = _first_start(kernel, scale, first_start, noise_variance)
     starts = _vary(first, search, restarts, rng)
-    report = _Reporter(total=restarts + warm_start, progress=progress)
-
-    warm: list[StartResult] = []
-    if warm_start:
-        part = _third(active, rng)
-        warm = report.run(
-            search, starts, MarginalLikelihood(inputs[part], targets[part], active=active[part])
-        )
-        starts = [_best(warm).end]
     # the likelihood's N × N buffer is gone before the process takes one of its own
-    results = report.run(
-        search, starts, MarginalLikelihood(inputs, targets, active=active, threads=threads)
+    results = _search_from(
+        starts,
+        search,
+        MarginalLikelihood(inputs, targets, active=active, threads=threads),
+        progress,
     )
-    best = _best_that_ended(results, restarts)
+    best = max(results, key=lambda result: result.log_marginal_likelihood)
+    if best.error is not None:
+        reasons = "; ".join(sorted({result.message for result in results}))
+        msg = f"every one of {restarts} starts failed: {reasons}"
+        raise NumericalError(msg) from best.error
     process = GaussianProcess.condition(*search.hyperparameters(best.end), inputs, targets)
     return FitResult(
         process=process,
         log_marginal_likelihood=process.log_marginal_likelihood,
         converged=best.converged,
-        evaluations=sum(start.evaluations for start in (*warm, *results)),
+        evaluations=sum(start.evaluations for start in results),
         seconds=time.perf_counter() - began,
         starts=tuple(results),
-        warm_starts=tuple(warm),
         parameters_at_bound=search.at_bound(best),
     )
 
 
-@dataclass(kw_only=True)
-class _Reporter:
-    """Tells how far a fit is."""
-
-    total: int
-    progress: Progress
-    done: int = 0
-
-    def run(
-        self, search: Search, starts: Sequence[FloatArray], likelihood: MarginalLikelihood
-    ) -> list[StartResult]:
-        """Search from all starts."""
-        return [self._told(search.run(likelihood, start)) for start in starts]
-
-    def _told(self, result: StartResult) -> StartResult:
-        """Pass a start's result through."""
-        self.done += 1
-        _logger.info("start %d of %d: %s", self.done, self.total, result.message)
-        self.progress("fitting", self.done, self.total)
-        return result
+def _search_from(
+    starts: Sequence[FloatArray], search: Search, likelihood: Likelihood, progress: Progress
+) -> list[StartResult]:
+    results = []
+    for done, start in enumerate(starts, start=1):
+        results.append(search.run(likelihood, start))
+        _logger.info("start %d of %d: %s", done, len(starts), results[-1].message)
+        progress("fitting", done, len(starts))
+    return results
 
 
 def _check_arguments(restarts: int, first_start: str, noise_variance: float | None) -> None:
@@ -232,31 +346,3 @@ def _vary(
     """Draw the other starts about the first one; all keep to the limits."""
     shifts = _START_SPREAD * rng.standard_normal((restarts - 1, len(first)))
     return [search.clip(start) for start in (first, *(first + shifts))]
-
-
-def _third(active: BoolArray, rng: np.random.Generator) -> BoolArray:
-    """Draw a third of the rows that the kernel's gate lets in."""
-    rows = np.flatnonzero(active)
-    if len(rows) < _FEWEST_FOR_WARM_START:
-        msg = (
-            f"warm_start takes a third of the observations, which is too little of {len(rows)}: "
-            "leave it out, a fit on so few takes no time"
-        )
-        raise InputError(msg)
-    out = np.zeros(len(active), dtype=np.bool_)
-    out[rng.choice(rows, size=len(rows) // 3, replace=False)] = True
-    return out
-
-
-def _best(results: list[StartResult]) -> StartResult:
-    return max(results, key=lambda result: result.log_posterior)
-
-
-def _best_that_ended(results: list[StartResult], restarts: int) -> StartResult:
-    """Take the best, unless all starts failed."""
-    best = _best(results)
-    if best.error is not None:
-        reasons = "; ".join(sorted({result.message for result in results}))
-        msg = f"every one of {restarts} starts failed: {reasons}"
-        raise NumericalError(msg) from best.error
-    return best

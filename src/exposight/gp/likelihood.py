@@ -2,13 +2,19 @@
 
 import math
 
-import numba
 import numpy as np
 
 from exposight.gp.factor import Factor, factorise
-from exposight.gp.kernels import Kernel, tiles
+from exposight.gp.kernels import Kernel
+from exposight.gp.kernels.loops import weigh_pairs
 from exposight.gp.observations import BoolArray, FloatArray
-from exposight.gp.threads import choose_threads, in_threads, limit_blas
+from exposight.gp.tiling import (
+    choose_threads,
+    in_threads,
+    limit_blas,
+    row_blocks,
+    weighted_derivatives,
+)
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -95,69 +101,22 @@ class MarginalLikelihood:
 
         def weights(rows: slice, columns: slice) -> FloatArray:
             out = np.empty((rows.stop - rows.start, columns.stop - columns.start))
-            _weigh_pairs(inverse, alpha, rows.start, columns.start, out)
+            weigh_pairs(inverse, alpha, rows.start, columns.start, out)
             return out
 
         def derivatives(rows: slice) -> FloatArray:
-            return tiles.weighted_derivatives(
-                kernel, self._x, rows, first_column=rows.start, weights=weights
-            )
+            return weighted_derivatives(kernel, self._x, rows, weights)
 
-        blocks = in_threads(derivatives, tiles.row_blocks(len(self._x)), threads=self._threads)
+        blocks = in_threads(derivatives, row_blocks(len(self._x)), threads=self._threads)
         gradient: FloatArray = np.sum(list(blocks), axis=0)
         return gradient
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-def _weigh_pairs(
-    inverse: FloatArray, alpha: FloatArray, first_row: int, first_column: int, out: FloatArray
-) -> None:
-    """(αα' − K⁻¹)/2 in a tile, pairs above the diagonal twice, those below not at all."""
-    rows, columns = out.shape
-    others = alpha[first_column : first_column + columns]
-    for i in range(rows):
-        row = first_row + i
-        own, pairs = alpha[row], inverse[row, first_column : first_column + columns]
-        for j in range(columns):
-            out[i, j] = own * others[j] - pairs[j]
-        diagonal = row - first_column
-        for j in range(min(diagonal, columns)):
-            out[i, j] = 0.0
-        if 0 <= diagonal < columns:
-            out[i, diagonal] *= 0.5
-
-
 def log_likelihood(factor: Factor, alpha: FloatArray, y: FloatArray) -> float:
-    """Log marginal likelihood of targets with a factorised covariance.
-
-    Parameters
-    ----------
-    factor : Factor
-        Of the targets' covariance.
-    alpha : (n,) array
-        K⁻¹ y.
-    y : (n,) array
-        Targets.
-
-    Returns
-    -------
-    float
-    """
+    """Log marginal likelihood of targets, from their covariance's factor and alpha = K⁻¹ y."""
     return -0.5 * (float(y @ alpha) + factor.log_determinant + len(y) * _LOG_2PI)
 
 
 def white_noise_log_likelihood(y: FloatArray, noise_variance: float) -> float:
-    """Log likelihood of targets that are noise and nothing else.
-
-    Parameters
-    ----------
-    y : (n,) array
-        Targets.
-    noise_variance : float
-        Positive, in squared units of the target.
-
-    Returns
-    -------
-    float
-    """
+    """Log likelihood of targets that are noise and nothing else."""
     return -0.5 * (float(y @ y) / noise_variance + len(y) * (math.log(noise_variance) + _LOG_2PI))

@@ -1,11 +1,12 @@
-"""Checks at the boundary of the room: inputs, targets, and whether they can be learnt from."""
+"""Checks of what every process is built from: inputs, targets, noise variance."""
 
-from typing import TypeAlias, TypeVar
+import math
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from exposight.errors import ObservationError
+from exposight.errors import InputError, ObservationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -40,7 +41,7 @@ def check_inputs(
     x : (n, D) array
         One row an observation, one column an input variable, each in its own unit.
     name : str
-        What the array is called in a message.
+        The array's name in messages.
     dims : tuple of int
         Columns that a kernel is going to read.
     columns : int, optional
@@ -87,31 +88,12 @@ def check_inputs(
     return np.ascontiguousarray(array)
 
 
-def check_targets(y: ArrayLike, *, observations: int, name: str = "y") -> FloatArray:
-    """Check an array of targets and return it as float64.
-
-    Parameters
-    ----------
-    y : (n,) array
-        One target an observation, in its own unit.
-    observations : int
-        The number of rows of the inputs.
-    name : str
-        What the array is called in a message.
-
-    Returns
-    -------
-    (n,) float64 array
-
-    Raises
-    ------
-    ObservationError
-        If the shape is not ``(observations,)``, or a value is NaN or infinite.
-    """
-    array = _as_floats(y, name)
+def check_targets(y: ArrayLike, *, observations: int) -> FloatArray:
+    """Check an array of targets, one an observation and all finite; return it as float64."""
+    array = _as_floats(y, "y")
     if array.shape != (observations,):
         msg = (
-            f"{name} must hold one target for each of the {observations} rows of the inputs, "
+            f"y must hold one target for each of the {observations} rows of the inputs, "
             f"shape ({observations},), got shape {array.shape}"
         )
         raise ObservationError(msg)
@@ -119,29 +101,75 @@ def check_targets(y: ArrayLike, *, observations: int, name: str = "y") -> FloatA
     if not finite.all():
         row = int(np.flatnonzero(~finite)[0])
         msg = (
-            f"{name} must be finite, got {array[row]} in row {row} "
+            f"y must be finite, got {array[row]} in row {row} "
             f"({int((~finite).sum())} rows are affected); remove these observations"
         )
         raise ObservationError(msg)
     return array
 
 
-def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> None:
-    """Check that hyperparameters can be learnt from these observations.
+class Gated(Protocol):
+    """A kernel, as far as checks of its observations are concerned."""
 
-    Parameters
-    ----------
-    x : (n, D) array
-        Checked inputs.
-    y : (n,) array
-        Checked targets.
-    dims : tuple of int
-        Columns that the kernel reads.
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of the inputs that the kernel reads."""
+
+    def closed(self, x: FloatArray) -> BoolArray:
+        """Rows of checked inputs that the kernel multiplies by zero."""
+
+
+def check_observations(
+    kernel: Gated, x: ArrayLike, y: ArrayLike
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Check inputs against targets and find those that the kernel's gate lets in.
+
+    Returns
+    -------
+    x, y : (n, D) and (n,) array
+        Checked inputs and targets.
+    active : (n,) bool array
+        False where the kernel multiplies by zero.
 
     Raises
     ------
     ObservationError
-        If there are fewer observations than dimensions, or all of them are alike.
+        If the arrays do not fit together, are not finite, are empty, or lie wholly outside the
+        kernel's range.
+    """
+    inputs = check_inputs(x, dims=kernel.columns)
+    targets = check_targets(y, observations=len(inputs))
+    if len(inputs) == 0:
+        msg = "at least one observation is needed, got none"
+        raise ObservationError(msg)
+    active = ~kernel.closed(inputs)
+    if not active.any():
+        msg = (
+            f"all {len(inputs)} observations lie outside the range in which the kernel is not "
+            "zero, so there is nothing to learn from; check the columns' order and units"
+        )
+        raise ObservationError(msg)
+    return inputs, targets, active
+
+
+def check_noise_variance(noise_variance: float) -> None:
+    """Check that a noise variance, in squared units of the target, is positive and finite."""
+    if not (noise_variance > 0.0 and math.isfinite(noise_variance)):
+        msg = (
+            f"noise_variance must be positive and finite, got {noise_variance!r}; for targets "
+            "without noise take a small share of their variance, such as 1e-6"
+        )
+        raise InputError(msg)
+
+
+def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> None:
+    """Check that hyperparameters can be learnt from checked observations.
+
+    Raises
+    ------
+    ObservationError
+        If there are fewer observations than dimensions, or all of them are alike in the columns
+        `dims` or in their targets.
     """
     n, d = x.shape
     if n < d:

@@ -1,7 +1,9 @@
 """The contract of a covariance function, and the products and sums that kernels compose to."""
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -9,22 +11,66 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.errors import InputError
-from exposight.gp.kernels import tiles
-from exposight.gp.kernels.parameters import Parameter, name_parameters
 from exposight.gp.observations import BoolArray, FloatArray, check_inputs
+from exposight.gp.tiling import fill_tiles, tile
+
+
+class Quantity(StrEnum):
+    """What a hyperparameter measures; decides its default bounds and starting value."""
+
+    VARIANCE = "variance"
+    LENGTH_SCALE = "length_scale"
+    ALPHA = "alpha"
+    SLOPE_VARIANCE = "slope_variance"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One hyperparameter of a kernel.
+
+    Attributes
+    ----------
+    name : str
+        Unique within its tree: ``rational_quadratic.alpha``, ``exponential_2.length_scale[4]``
+        (the number in brackets is the column of the inputs).
+    value : float
+        Positive; a variance in squared units of the target, a length scale in the unit of its
+        column.
+    quantity : Quantity
+        What it measures.
+    dims : tuple of int
+        Columns of the inputs that it acts on.
+    free : bool
+        Whether fitting may change it.
+    """
+
+    name: str
+    value: float
+    quantity: Quantity
+    dims: tuple[int, ...]
+    free: bool
 
 
 class Kernel(ABC):
     """A covariance function k(x, x'), immutable, with its derivatives.
 
     Kernels compose: ``a * b`` and ``a + b`` are kernels. Derivatives are taken with respect to
-    the natural logarithms of the free hyperparameters, in the order of `parameters`.
+    the natural logarithms of the free hyperparameters, in the order of `parameters`. A subclass
+    with a `type_name` is read back by `kernel_from_dict`.
 
-    `fill`, `multiply`, `weigh` are for the inner loops: they take checked inputs in C order and
-    work on one tile of the covariance matrix, small enough for the processor's cache.
+    `fill`, `multiply`, `weigh`, `prior_variance` and `closed` are for inner loops: they take
+    checked inputs in C order. The first three work on one tile of the covariance matrix, small
+    enough for the processor's cache.
     """
 
     type_name: ClassVar[str]
+    kinds: ClassVar[dict[str, "type[Kernel]"]] = {}
+    """Every kind of kernel by its `type_name`."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "type_name" in vars(cls):
+            Kernel.kinds[cls.type_name] = cls
 
     @property
     @abstractmethod
@@ -49,7 +95,7 @@ class Kernel(ABC):
 
     def multiply(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
         """Multiply `out`, (n, m) in C order, by the covariances; as `fill`."""
-        out *= tiles.tile(self, x, y)
+        out *= tile(self, x, y)
 
     @abstractmethod
     def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
@@ -70,7 +116,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def prior_variance(self, x: FloatArray) -> FloatArray:
-        """Return `diagonal` for checked inputs: a fresh (n,) array."""
+        """Return the prior variance k(x, x) of each row, in squared target units: (n,), fresh."""
 
     @abstractmethod
     def closed(self, x: FloatArray) -> BoolArray:
@@ -81,10 +127,8 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        x : (n, D) array
+        x, y : (n, D) and (m, D) array
             Inputs, each column in its own unit.
-        y : (m, D) array
-            Inputs, same columns.
 
         Returns
         -------
@@ -99,74 +143,18 @@ class Kernel(ABC):
         rows = check_inputs(x, dims=self.columns)
         columns = check_inputs(y, name="y", dims=self.columns)
         out = np.empty((len(rows), len(columns)))
-        tiles.fill(self, rows, columns, out)
+        fill_tiles(self, rows, columns, out)
         return out
 
-    def diagonal(self, x: ArrayLike) -> FloatArray:
-        """Prior variance k(x, x) of every row of `x`, without building a matrix.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Inputs, each column in its own unit.
-
-        Returns
-        -------
-        (n,) array
-            In squared units of the target.
-        """
-        return self.prior_variance(check_inputs(x, dims=self.columns))
-
     def gate(self, x: ArrayLike) -> BoolArray:
-        """Rows that the kernel multiplies by zero: there the prior is exactly 0.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Inputs, each column in its own unit.
+        """Rows of (n, D) inputs that the kernel multiplies by zero, whatever its hyperparameters.
 
         Returns
         -------
         (n,) bool array
-            True where k(x, ·) vanishes whatever the hyperparameters.
+            True where k(x, ·) vanishes: there the prior, hence the prediction, is exactly 0.
         """
         return self.closed(check_inputs(x, dims=self.columns))
-
-    def gradient_dot(self, x: ArrayLike, weights: ArrayLike) -> FloatArray:
-        """Weighted sums of the covariance's derivatives.
-
-        Parameters
-        ----------
-        x : (n, D) array
-            Inputs, each column in its own unit.
-        weights : (n, n) array
-            W; need not be symmetric.
-
-        Returns
-        -------
-        (p,) array
-            sum_ij W_ij dK_ij / dlog theta for each free hyperparameter.
-
-        Raises
-        ------
-        InputError
-            If the weights have another shape.
-        """
-        inputs = check_inputs(x, dims=self.columns)
-        matrix = np.asarray(weights, dtype=np.float64)
-        if matrix.shape != (len(inputs), len(inputs)):
-            msg = f"weights must have shape {(len(inputs),) * 2}, got {matrix.shape}"
-            raise InputError(msg)
-        total = np.zeros(len(self.free_parameters))
-        for rows in tiles.row_blocks(len(inputs)):
-            total += tiles.weighted_derivatives(
-                self,
-                inputs,
-                rows,
-                first_column=0,
-                weights=lambda rows, columns: matrix[rows, columns].copy(),
-            )
-        return total
 
     def with_log_parameters(self, vector: ArrayLike) -> Self:
         """Return the same kernel with other values of its free hyperparameters.
@@ -175,10 +163,6 @@ class Kernel(ABC):
         ----------
         vector : (p,) array
             Natural logarithms, ordered as `log_parameters`.
-
-        Returns
-        -------
-        Kernel
 
         Raises
         ------
@@ -197,12 +181,23 @@ class Kernel(ABC):
 
     @cached_property
     def _free_count(self) -> int:
-        return sum(own.free for _, parameters in self.leaves() for own in parameters)
+        return sum(parameter.free for _, parameters in self.leaves() for parameter in parameters)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All hyperparameters, fixed ones included, named and ordered from left to right."""
-        return name_parameters(self.leaves())
+        """All hyperparameters, fixed ones included, from left to right.
+
+        Their names begin with their kernel's; kernels of one type are numbered from 1 where a tree
+        holds several.
+        """
+        leaves = [(kind, parameters) for kind, parameters in self.leaves() if parameters]
+        total, counted = Counter(kind for kind, _ in leaves), Counter[str]()
+        named: list[Parameter] = []
+        for kind, parameters in leaves:
+            counted[kind] += 1
+            prefix = f"{kind}_{counted[kind]}" if total[kind] > 1 else kind
+            named += [replace(each, name=f"{prefix}.{each.name}") for each in parameters]
+        return tuple(named)
 
     @property
     def free_parameters(self) -> tuple[Parameter, ...]:
@@ -226,7 +221,7 @@ class Kernel(ABC):
 
 
 class _Composite(Kernel):
-    """What products and sums have in common: a field that holds the kernels."""
+    """A kernel composed of others, which one of its fields holds."""
 
     _field: ClassVar[str]
 
@@ -266,7 +261,7 @@ class _Composite(Kernel):
 
     def to_dict(self) -> dict[str, Any]:
         """See `Kernel.to_dict`."""
-        return {"type": self.type_name, self._field: [own.to_dict() for own in self._children]}
+        return {"type": self.type_name, self._field: [child.to_dict() for child in self._children]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,12 +287,11 @@ class Product(_Composite):
     _field: ClassVar[str] = "factors"
 
     @cached_property
-    def _moving(self) -> tuple[Kernel, ...]:
-        """Factors with a free hyperparameter."""
+    def _free_factors(self) -> tuple[Kernel, ...]:
         return tuple(factor for factor in self.factors if factor._free_count)
 
     @cached_property
-    def _still(self) -> tuple[Kernel, ...]:
+    def _fixed_factors(self) -> tuple[Kernel, ...]:
         """Factors that fitting leaves alone, gates above all."""
         return tuple(factor for factor in self.factors if not factor._free_count)
 
@@ -310,22 +304,22 @@ class Product(_Composite):
 
     def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
         """See `Kernel.weigh`; a factor's weights are multiplied by all other factors."""
-        for still in self._still:
-            still.multiply(x, y, weights)
-        if len(self._moving) == 1:
-            return self._moving[0].weigh(x, y, weights)
-        values = [tiles.tile(factor, x, y) for factor in self._moving]
+        for factor in self._fixed_factors:
+            factor.multiply(x, y, weights)
+        if len(self._free_factors) == 1:
+            return self._free_factors[0].weigh(x, y, weights)
+        values = [tile(factor, x, y) for factor in self._free_factors]
         parts = [np.empty(0)]
-        for own, factor in enumerate(self._moving):
+        for index, factor in enumerate(self._free_factors):
             others = weights.copy()
             for other, value in enumerate(values):
-                if other != own:
+                if other != index:
                     others *= value
             parts.append(factor.weigh(x, y, others))
         return np.concatenate(parts)
 
     def prior_variance(self, x: FloatArray) -> FloatArray:
-        """See `Kernel.diagonal`."""
+        """See `Kernel.prior_variance`."""
         out: FloatArray = np.prod([factor.prior_variance(x) for factor in self.factors], axis=0)
         return out
 
@@ -359,14 +353,14 @@ class Sum(_Composite):
         first, *others = self.terms
         first.fill(x, y, out)
         for term in others:
-            out += tiles.tile(term, x, y)
+            out += tile(term, x, y)
 
     def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
         """See `Kernel.weigh`."""
         return np.concatenate([term.weigh(x, y, weights.copy()) for term in self.terms])
 
     def prior_variance(self, x: FloatArray) -> FloatArray:
-        """See `Kernel.diagonal`."""
+        """See `Kernel.prior_variance`."""
         out: FloatArray = np.sum([term.prior_variance(x) for term in self.terms], axis=0)
         return out
 

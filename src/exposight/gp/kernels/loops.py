@@ -122,14 +122,14 @@ def squared_distances(
     """
     scaled = _scaled_columns(y, columns, rates)
     for i in range(len(x)):
-        own = x[i, columns[0]] * rates[0]
+        origin = x[i, columns[0]] * rates[0]
         for j in range(len(y)):
-            difference = own - scaled[0, j]
+            difference = origin - scaled[0, j]
             out[i, j] = difference * difference
         for d in range(1, len(columns)):
-            own = x[i, columns[d]] * rates[d]
+            origin = x[i, columns[d]] * rates[d]
             for j in range(len(y)):
-                difference = own - scaled[d, j]
+                difference = origin - scaled[d, j]
                 out[i, j] += difference * difference
 
 
@@ -155,13 +155,32 @@ def weighted_square_differences(
     out = np.zeros(len(columns))
     for i in range(len(x)):
         for d in range(len(columns)):
-            own = x[i, columns[d]] * rates[d]
+            origin = x[i, columns[d]] * rates[d]
             total = 0.0
             for j in range(len(y)):
-                difference = own - scaled[d, j]
+                difference = origin - scaled[d, j]
                 total += weights[i, j] * (difference * difference)
             out[d] += total
     return out
+
+
+@numba.njit(**_EXACT)
+def weigh_pairs(
+    inverse: FloatArray, alpha: FloatArray, first_row: int, first_column: int, out: FloatArray
+) -> None:
+    """(αα' − K⁻¹)/2 in a tile, pairs above the diagonal twice, those below not at all."""
+    rows, columns = out.shape
+    others = alpha[first_column : first_column + columns]
+    for i in range(rows):
+        row = first_row + i
+        factor, pairs = alpha[row], inverse[row, first_column : first_column + columns]
+        for j in range(columns):
+            out[i, j] = factor * others[j] - pairs[j]
+        diagonal = row - first_column
+        for j in range(min(diagonal, columns)):
+            out[i, j] = 0.0
+        if 0 <= diagonal < columns:
+            out[i, diagonal] *= 0.5
 
 
 # For each kernel two loops. `correlate` turns squared distances into covariances k, in place.

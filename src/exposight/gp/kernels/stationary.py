@@ -1,5 +1,6 @@
 """Kernels of the scaled distance r, r² = sum_d (x_d − x'_d)² / l_d²."""
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,10 +10,9 @@ import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp.kernels import loops
-from exposight.gp.kernels.arguments import check_dims, check_fixed, check_positive
-from exposight.gp.kernels.leaf import Leaf
+from exposight.gp.kernels.base import Parameter, Quantity
+from exposight.gp.kernels.leaves import Leaf, check_dims, check_fixed, check_positive
 from exposight.gp.kernels.loops import squared_distances, weighted_square_differences
-from exposight.gp.kernels.parameters import Parameter, Quantity
 from exposight.gp.observations import FloatArray, IntArray
 
 
@@ -47,14 +47,14 @@ class Stationary(Leaf):
     def __post_init__(self) -> None:
         name = type(self).__name__
         dims = check_dims(self.dims, kernel=name)
-        scales = check_positive(self.length_scales, what=f"{name}.length_scales")
+        scales = check_positive(self.length_scales, name=f"{name}.length_scales")
         if len(scales) not in (1, len(dims)):
             msg = (
                 f"{name} over {len(dims)} dimensions takes 1 length scale or {len(dims)}, "
                 f"got {len(scales)}"
             )
             raise InputError(msg)
-        (variance,) = check_positive((self.variance,), what=f"{name}.variance")
+        (variance,) = check_positive((self.variance,), name=f"{name}.variance")
         object.__setattr__(self, "dims", dims)
         object.__setattr__(self, "length_scales", scales)
         object.__setattr__(self, "variance", variance)
@@ -147,7 +147,7 @@ class Stationary(Leaf):
         return out
 
     def prior_variance(self, x: FloatArray) -> FloatArray:
-        """See `Kernel.diagonal`."""
+        """See `Kernel.prior_variance`."""
         return np.full(len(x), self.variance)
 
     @cached_property
@@ -219,3 +219,80 @@ class Matern52(Stationary):
 
     def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
         return (loops.derive_matern52(r2, weights, self.variance),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RationalQuadratic(Stationary):
+    """Rational quadratic kernel, sigma² (1 + r²/(2 alpha))^(−alpha), Eq. 23 of the paper.
+
+    Attributes
+    ----------
+    variance : float
+        sigma², in squared units of the target.
+    length_scales : tuple of float
+        One for all `dims`, or one for each of them. GPy's length scales are larger by
+        √alpha: see `gpy_length_scale`.
+    alpha : float
+        Weighs long against short distances; the kernel nears `SquaredExponential` as it grows.
+    dims : tuple of int
+        Columns of the inputs that the kernel reads, counted from 0.
+    fixed : tuple of str
+        Names of fields that fitting leaves alone.
+    """
+
+    alpha: float
+    type_name: ClassVar[str] = "rational_quadratic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        (alpha,) = check_positive((self.alpha,), name="RationalQuadratic.alpha")
+        object.__setattr__(self, "alpha", alpha)
+
+    @classmethod
+    def _fields(cls) -> tuple[str, ...]:
+        return (*super()._fields(), "alpha")
+
+    @property
+    def hyperparameters(self) -> tuple[Parameter, ...]:
+        """The variance, the length scales, then alpha."""
+        return (
+            *super().hyperparameters,
+            Parameter(
+                name="alpha",
+                value=self.alpha,
+                quantity=Quantity.ALPHA,
+                dims=self.dims,
+                free="alpha" not in self.fixed,
+            ),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
+        return {**super().to_dict(), "alpha": self.alpha}
+
+    def _with_values(self, values: tuple[float, ...]) -> Self:
+        return replace(self, variance=values[0], length_scales=values[1:-1], alpha=values[-1])
+
+    def _correlate(self, r2: FloatArray) -> None:
+        loops.correlate_rational_quadratic(r2, self.variance, self.alpha)
+
+    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+        variance, alpha = loops.derive_rational_quadratic(r2, weights, self.variance, self.alpha)
+        return variance, alpha
+
+
+def gpy_length_scale(length_scale: float, *, alpha: float) -> float:
+    """Length scale under which GPy's ``RatQuad`` equals `RationalQuadratic`.
+
+    GPy writes sigma² (1 + r²/2)^(−alpha), which lacks Eq. 23's alpha in the denominator, so that
+    l_GPy = l √alpha. The length scales in Table 8 of the paper are GPy's.
+
+    Parameters
+    ----------
+    length_scale : float
+        l of Eq. 23, in the unit of the column.
+    alpha : float
+        alpha of Eq. 23, ``power`` in GPy.
+    """
+    check_positive((length_scale, alpha), name="length_scale and alpha")
+    return length_scale * math.sqrt(alpha)
