@@ -206,7 +206,7 @@ def learning(skull: Path) -> list[Figure]:
 
     with tempfile.TemporaryDirectory() as folder:
         result = run_skull(Path(folder), skull, SkullSettings(), tell)
-    scores = {r.model.specification.name: r.unseen.score for r in result.results}
+    scores = {r.model.name: r.unseen.score for r in result.results}
     figures = [
         Figure(
             name="skull_q1_rmse_percent",

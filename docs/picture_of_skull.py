@@ -21,7 +21,7 @@ def _draw_quality(axes: Axes, result: DemoResult, quality: ModelResult) -> None:
         i_avg, p_norm, c=exposure_ms, s=5, alpha=0.6, norm="log", cmap="cividis", linewidths=0
     )
     grid = np.linspace(0.0, 255.0, 512)
-    prediction = quality.model.predict(grid[:, None])
+    prediction = quality.model.predict(i_avg=grid)
     low, high = prediction.mean - 2 * prediction.std, prediction.mean + 2 * prediction.std
     axes.fill_between(grid, low, high, color=ACCENT_2, alpha=0.15, linewidth=0)
     axes.plot(grid, prediction.mean, color=ACCENT_2, linewidth=1.8, label="ᵠGP₁, mean and 2σ")

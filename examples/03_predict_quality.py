@@ -37,7 +37,7 @@ model = train(model_named("q_k3"), table.where(known), seed=1)
 score = evaluate(model, table.where(~known)).score
 print(f"unseen observations: R² {score.r2_percent:.1f} %, RMSE {100 * score.rmse:.1f} %")
 for i_avg, z_mm, x_mm in ((80, 0, 50), (80, 0, 900)):
-    answer = model.predict([[i_avg, z_mm, x_mm]])
+    answer = model.predict(i_avg=i_avg, z_mm=z_mm, x_mm=x_mm)
     knows = "inside" if answer.inside[0] else "outside"
     band = f"{answer.mean[0]:.2f} ± {2 * answer.std[0]:.2f}"
     print(f"i_avg {i_avg}, x {x_mm} mm: p_norm {band}, {knows} what it was trained on")

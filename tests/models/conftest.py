@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exposight.models import ModelSpecification, TrainedModel, train
+from exposight.models import GaussianProcessModel, ModelSpecification, train
 from exposight.observing import Observation, ObservationTable
 
 
@@ -52,7 +52,7 @@ def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
 
 def train_quickly(
     specification: ModelSpecification, table: ObservationTable | None = None, **settings: object
-) -> TrainedModel:
+) -> GaussianProcessModel:
     given = {
         "seed": 5,
         "restarts": 1,
@@ -74,5 +74,5 @@ def make_table() -> Callable[..., ObservationTable]:
 
 
 @pytest.fixture(scope="session")
-def trained() -> Callable[..., TrainedModel]:
+def trained() -> Callable[..., GaussianProcessModel]:
     return train_quickly

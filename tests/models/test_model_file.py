@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from exposight.errors import (
 )
 from exposight.models import (
     MODELS,
-    UNITS,
     is_model_file,
     load_model,
     model_named,
@@ -77,7 +77,7 @@ def test_a_read_model_predicts_the_same_bits(path, trained, make_table, specific
     save_model(path, model)
     again = load_model(path)
     unseen = make_table(50, seed=3)
-    before, after = model.predict_table(unseen), again.predict_table(unseen)
+    before, after = model.predict(unseen), again.predict(unseen)
     np.testing.assert_array_equal(after.mean, before.mean)
     np.testing.assert_array_equal(after.std, before.std)
     np.testing.assert_array_equal(after.inside, before.inside)
@@ -95,7 +95,7 @@ def test_everything_in_a_model_comes_back(path, trained):
     np.testing.assert_array_equal(again.process.x, model.process.x)
     np.testing.assert_array_equal(again.process.y, model.process.y)
     for name in ("name", "title", "target", "inputs", "p_norm_min", "source"):
-        assert getattr(again.specification, name) == getattr(model.specification, name)
+        assert getattr(again, name) == getattr(model, name)
 
 
 def test_a_models_sensor_comes_back(saved):
@@ -140,9 +140,12 @@ def test_a_model_is_an_ordinary_zip_archive_without_pickle(saved):
 def test_a_model_says_its_units(saved):
     with zipfile.ZipFile(saved) as archive:
         document = json.loads(archive.read("model.json"))
-    assert (document["format"], document["version"]) == ("exposight model", 1)
+    assert (document["format"], document["version"]) == ("exposight model", 2)
     assert document["target"] == {"name": "p_norm", "unit": "1"}
-    assert document["inputs"] == [{"name": name, "unit": UNITS[name]} for name in ("i_avg", "z_mm")]
+    assert document["inputs"] == [
+        {"name": "i_avg", "unit": "grey level 0–255"},
+        {"name": "z_mm", "unit": "mm"},
+    ]
 
 
 def test_the_archives_comment_is_the_checksum_of_all_before_it(saved):
@@ -150,6 +153,24 @@ def test_the_archives_comment_is_the_checksum_of_all_before_it(saved):
     with zipfile.ZipFile(saved) as archive:
         assert archive.comment == data[-DIGEST_LENGTH:]
     assert hashlib.sha256(data[:-DIGEST_LENGTH]).hexdigest().encode() == archive.comment
+
+
+# -- version 1 ----------------------------------------------------------------------------------
+
+VERSION_1 = Path(__file__).parent / "version-1.exposight-model"
+ASKED = {"i_avg": [80, 120, 80], "x_mm": [10, 0, 900], "y_mm": [-20, 0, 0], "z_mm": [5, 0, 0]}
+"""What the exposight that wrote the file was asked, and its answers to the bit."""
+MEAN = ["0x1.429d5d79484aep+5", "0x1.e0fbe9dd4f710p+5", "0x1.39ea213c9a09bp+5"]
+STD = ["0x1.6b44c49f7b2b5p+3", "0x1.4b673bc7ed624p+3", "0x1.593b280bfc7b7p+3"]
+
+
+def test_a_file_of_version_1_still_predicts_the_same():
+    model = load_model(VERSION_1)
+    prediction = model.predict(**ASKED, w_deg=[1, 0, 0], p_deg=[-2, 0, 0])
+    np.testing.assert_allclose(prediction.mean, list(map(float.fromhex, MEAN)), rtol=1e-12)
+    np.testing.assert_allclose(prediction.std, list(map(float.fromhex, STD)), rtol=1e-12)
+    assert prediction.inside.tolist() == [True, True, False]
+    assert (model.name, model.n_observations, model.sensor.name[:5]) == ("e_k6", 21, "ZEISS")
 
 
 # -- damaged ------------------------------------------------------------------------------------
@@ -193,8 +214,8 @@ def test_a_damaged_model_is_still_known_as_one(saved, share):
 
 
 def test_a_newer_version(saved):
-    rewrite(saved, document=lambda fields: fields.update(version=2))
-    with pytest.raises(VersionError, match=r"has version 2 .* reads up to version 1: update expo"):
+    rewrite(saved, document=lambda fields: fields.update(version=3))
+    with pytest.raises(VersionError, match=r"has version 3 .* reads up to version 2: update expo"):
         load_model(saved)
 
 
@@ -253,34 +274,41 @@ def other_unit(fields):
 
 
 def other_target(fields):
-    fields["target"] = {"name": "x_mm", "unit": "mm"}
+    fields["target"] = {"name": "x_mm", "unit": "ms"}
 
 
 def other_input(fields):
-    fields["inputs"][1]["name"] = "depth_mm"
+    fields["inputs"].pop()
 
 
 def other_kernel(fields):
-    fields["kernel"] = {"type": "neural_network"}
+    fields["content"]["kernel"] = {"type": "neural_network"}
 
 
 def other_parameter(fields):
-    fields["kernel"]["factors"][0]["alpha"] = -1.0
+    fields["content"]["kernel"]["factors"][0]["alpha"] = -1.0
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (other_unit, r"'z_mm' is in 'm', expected 'mm'; train the model again"),
-        (other_target, r"key 'target\.name'.*'p_norm' or 'exposure_ms'"),
-        (other_input, r"no variable 'depth_mm'; expected one of p_norm, exposure_ms, i_avg"),
+        (other_target, r"'x_mm' is in 'ms', expected 'mm'"),
+        (other_input, r"a column for each of 1 inputs, got shape \(60, 2\)"),
+        (lambda fields: fields.update(kind="oracle"), r"unknown kind of model 'oracle'.*import"),
         (other_kernel, r"unknown kernel type 'neural_network'.*A newer version may have written"),
         (other_parameter, r"alpha"),
-        (lambda fields: fields.pop("noise_variance"), r"key 'noise_variance' is missing"),
-        (lambda fields: fields.update(noise_variance=0.0), r"key 'noise_variance'"),
+        (
+            lambda fields: fields["content"].pop("noise_variance"),
+            r"key 'noise_variance' is missing",
+        ),
+        (lambda fields: fields["content"].update(noise_variance=0.0), r"key 'noise_variance'"),
         (lambda fields: fields.update(colour="red"), r"key 'colour' is unknown"),
         (lambda fields: fields.update(format="exposight campaign"), r"'format' must be \"exposig"),
-        (lambda fields: fields.update(version="1"), r"'version' must be 1, got \"1\""),
+        (
+            lambda fields: fields.update(version="1"),
+            r"'version' must be a whole number from 1 to 2, got \"1\"",
+        ),
         (lambda fields: fields.update(sensor="{}"), r"its sensor: key 'format' must be"),
     ],
 )
@@ -295,7 +323,7 @@ def test_a_document_that_makes_no_sense(saved, change, message):
     [
         ({"model.json": b"{"}, "is not JSON"),
         ({"model.json": None}, "not a model file"),
-        ({"targets.npy": None}, "not a model file .*targets.npy"),
+        ({"targets.npy": None}, "not a model file .*targets is missing"),
         ({"inputs.npy": b"no array"}, "not a model file"),
         ({"inputs.npy": npy(np.array([{}, None], dtype=object))}, "not a model file .*pickle"),
         ({"inputs.npy": npy(np.zeros((60, 3)))}, r"a column for each of 2 inputs, got .*\(60, 3\)"),

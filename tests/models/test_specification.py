@@ -10,9 +10,9 @@ from exposight.models import (
     MODELS,
     P_NORM_MIN,
     QUALITY_MODELS,
-    UNITS,
     model_named,
 )
+from exposight.quantities import QUANTITIES
 
 SIX = ("i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
@@ -60,7 +60,7 @@ def test_every_kernel_reads_every_input_and_nothing_else(model):
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_every_variable_has_a_unit(model):
-    assert set(model.inputs) | {model.target} <= set(UNITS)
+    assert set(model.inputs) | {model.target} <= set(QUANTITIES)
 
 
 @quality_models

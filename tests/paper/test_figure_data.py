@@ -1,12 +1,10 @@
 """The figures' arrays against small cases made by hand."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from exposight.errors import InputError, ObservationError
-from exposight.models import ModelPrediction, model_named
+from exposight.models import Prediction, model_named
 from exposight.observing import Observation, ObservationTable
 from exposight.paper.figure_data import (
     best_and_worst,
@@ -52,20 +50,26 @@ class Fake:
 
     def __init__(self, name, answer, trained):
         self.specification = model_named(name)
+        self.name, self.target = name, self.specification.target
+        self.inputs = self.specification.inputs
         self.answer = answer
-        self.process = SimpleNamespace(x=np.array(trained, dtype=float))
+        self.trained = np.array(trained, dtype=float)
 
-    def predict(self, inputs):
-        mean = np.asarray(self.answer(np.asarray(inputs)), dtype=float)
+    def predict(self, rows=None, /, **columns):
+        if rows is not None:
+            columns = dict(zip(self.inputs, rows.array(self.inputs).T, strict=True))
+        inputs = np.stack([columns[name] for name in self.inputs], axis=1)
+        mean = np.asarray(self.answer(inputs), dtype=float)
         inside = np.ones(len(mean), dtype=bool)
-        return ModelPrediction(mean=mean, std=np.ones(len(mean)), inside=inside)
+        return Prediction(mean=mean, std=np.ones(len(mean)), inside=inside)
 
-    def predict_table(self, rows):
-        return self.predict(rows.array(self.specification.inputs))
+    @property
+    def training_data(self):
+        return dict(zip(self.inputs, self.trained.T, strict=True))
 
+    @property
     def training_range(self):
-        low, high = self.process.x.min(axis=0), self.process.x.max(axis=0)
-        return dict(zip(self.specification.inputs, zip(low, high, strict=True), strict=True))
+        return {name: (low.min(), low.max()) for name, low in self.training_data.items()}
 
 
 # -- curves -------------------------------------------------------------------------------------
@@ -185,7 +189,7 @@ def test_too_few_exposures_for_a_curve(proportional):
 
 
 def test_the_capture_that_shows_most_features_well(proportional):
-    quality = Fake("q_k4", lambda x: 0.5 + 0 * x[:, 0], proportional.process.x)
+    quality = Fake("q_k4", lambda x: 0.5 + 0 * x[:, 0], proportional.trained)
     rows = [
         *(row(f"f{i}_test", "dark", 27.0, p_norm=0.1) for i in (1, 2, 3)),
         *(row(f"f{i}_test", "good", t, p_norm=0.9) for i in (2, 1) for t in (5.0, 30.0)),

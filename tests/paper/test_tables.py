@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuadratic
-from exposight.models import Evaluation, FitSummary, ModelPrediction, Provenance, TrainedModel
+from exposight.models import Evaluation, FitSummary, GaussianProcessModel, Prediction, Provenance
 from exposight.observing import ObservationTable
 from exposight.paper import Dataset, Score, ScoreRow, TrainedVariant, Variant, table_csv
 from exposight.paper.tables import (
@@ -31,7 +31,7 @@ def variant(name: str) -> Variant:
     return next(own for own in VARIANTS if own.name == name)
 
 
-def model_of(own: Variant, at_bound: tuple[str, ...]) -> TrainedModel:
+def model_of(own: Variant, at_bound: tuple[str, ...]) -> GaussianProcessModel:
     """A model of a variant, with hyperparameters chosen by hand."""
     inputs = len(own.specification.inputs)
     kernel = (
@@ -42,8 +42,11 @@ def model_of(own: Variant, at_bound: tuple[str, ...]) -> TrainedModel:
         if own.unit == "%"
         else Exponential(variance=9.0, length_scales=(7.0,), dims=range(inputs))
     )
-    return TrainedModel(
-        specification=own.specification,
+    return GaussianProcessModel(
+        name=own.specification.name,
+        title=own.specification.title,
+        target=own.specification.target,
+        inputs=own.specification.inputs,
         process=GaussianProcess.condition(
             kernel, 0.04, np.full((THREE, inputs), 50.0) + np.arange(THREE)[:, None], np.ones(THREE)
         ),
@@ -80,12 +83,10 @@ def trained(
     if observed is not None and predicted is not None:
         mean, spread = np.array(predicted), np.full(len(predicted), std)
         result = Evaluation(
-            specification=own.specification,
+            model=own.specification,
             table=ObservationTable.from_observations([]),
             observed=np.array(observed),
-            prediction=ModelPrediction(
-                mean=mean, std=spread, inside=np.ones(len(mean), dtype=np.bool_)
-            ),
+            prediction=Prediction(mean=mean, std=spread, inside=np.ones(len(mean), dtype=np.bool_)),
             score=score(observed, mean, spread),
             score_inside=None,
         )

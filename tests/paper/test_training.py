@@ -59,7 +59,7 @@ def test_models_come_in_the_order_asked_for(
     # The second takes longer, so it is trained first.
     longer = replace(wanted, name="longer", table=observe(["f1", "f2", "f3"]), source_sha256=None)
     first, second = train_or_read([wanted, longer], tmp_path, workers=1, progress=lambda *_: None)
-    assert (len(first.process.y), len(second.process.y)) == (60, 90)
+    assert (first.n_observations, second.n_observations) == (60, 90)
 
 
 def test_progress_counts_what_was_there(wanted: KeptTraining, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from exposight.cell import Feature, Part, sensor_preset
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
-from exposight.models import ModelPrediction, model_named
+from exposight.models import Prediction, model_named
 from exposight.observing import view_features
 from exposight.planning import WANTED_I_AVG, Forecast, forecast_view
 
@@ -20,12 +20,12 @@ class KnownModel:
     """Predicts by a formula, as if it had been trained."""
 
     def __init__(self, name, formula, std=0.0):
-        self.specification, self._formula, self._std = model_named(name), formula, std
+        self.inputs, self._formula, self._std = model_named(name).inputs, formula, std
 
-    def predict(self, inputs):
-        columns = dict(zip(self.specification.inputs, inputs.T, strict=True))
+    def predict(self, **columns):
+        assert set(columns) == set(self.inputs)
         mean = self._formula(columns)
-        return ModelPrediction(
+        return Prediction(
             mean=mean, std=np.full(len(mean), self._std), inside=np.ones(len(mean), dtype=bool)
         )
 

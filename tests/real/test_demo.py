@@ -70,9 +70,9 @@ def test_what_was_found_is_on_disk(result, folder):
     table = read_observations(folder / "observations.csv")
     assert table.frame.equals(result.table.frame)
     for found in result.results:
-        name = found.model.specification.name
+        name = found.model.name
         model = load_model(folder / "models" / f"{name}.exposight-model")
-        again = model.predict_table(found.unseen.table)
+        again = model.predict(found.unseen.table)
         np.testing.assert_array_equal(again.mean, found.unseen.prediction.mean)
 
 

@@ -145,7 +145,7 @@ def door_result(result):
     results = tuple(_model_result(name, known, unseen, result.sensor) for name in names)
     # Six inputs need more observations than two features have.
     results += (_model_result("e_k6", result.table, unseen, result.sensor),)
-    models = {own.model.specification.name: own.model for own in results}
+    models = {own.model.name: own.model for own in results}
     both = models["q_k4"], models["e_k6"]
     taken = forecast_view(*both, result.views, _EXPOSURES_MS)
     measured = result.table.array(["i_avg", "p_norm"]).reshape(3, 4, 2).transpose(2, 1, 0)

@@ -140,7 +140,7 @@ def test_the_cards_hold_the_results_numbers(door_result, door_page):
         door_page.index('<div class="cards">') : door_page.index('<ul class="notes">')
     ]
     shown = [float(value) for value in re.findall(r'<data value="([^"]+)"', cards)]
-    scores = {own.model.specification.name: own.unseen.score.rmse for own in door_result.results}
+    scores = {own.model.name: own.unseen.score.rmse for own in door_result.results}
     view = door_result.new_view
     assert shown[:4] == [3, len(door_result.table.measured()), scores["q_k1"], scores["q_k4"]]
     assert shown[-4:] == [

@@ -77,7 +77,7 @@ def test_every_observation_is_drawn_over_brightness(result, read_page):
 
 def test_the_curve_and_its_band_are_the_models(result, read_page):
     high, low, mean = (t for t in _traces(read_page, "quality") if t["mode"] == "lines")
-    model = next(own.model for own in result.results if own.model.specification.name == "q_k1")
+    model = next(own.model for own in result.results if own.model.name == "q_k1")
     prediction = model.predict(_array(mean["x"])[:, None])
     np.testing.assert_array_equal(_array(mean["y"]), prediction.mean)
     np.testing.assert_allclose(_array(high["y"]) - _array(low["y"]), 4 * prediction.std, rtol=1e-12)
@@ -85,10 +85,10 @@ def test_the_curve_and_its_band_are_the_models(result, read_page):
 
 @pytest.mark.parametrize("model", ["q_k1", "q_k4", "e_k1"])
 def test_predictions_are_drawn_over_observations(result, read_page, model):
-    own = next(own for own in result.results if own.model.specification.name == model)
+    own = next(own for own in result.results if own.model.name == model)
     traces = [
         trace
-        for trace in _traces(read_page, f"predicted-{own.model.specification.target}")
+        for trace in _traces(read_page, f"predicted-{own.model.target}")
         if trace.get("meta") == model
     ]
     drawn = np.concatenate(
@@ -114,7 +114,7 @@ def test_only_the_chosen_model_is_shown_at_first(read_page):
 
 
 def test_extrapolations_have_another_marker(result, read_page):
-    own = next(own for own in result.results if own.model.specification.name == "e_k1")
+    own = next(own for own in result.results if own.model.name == "e_k1")
     symbols = {
         trace["marker"]["symbol"]: len(_array(trace["x"]))
         for trace in _traces(read_page, "predicted-exposure_ms")

@@ -125,7 +125,7 @@ def test_a_result_without_models_is_refused(result):
 
 
 def test_a_result_of_one_kind_of_model_still_has_a_page(result):
-    only = tuple(own for own in result.results if own.model.specification.name == "e_k1")
+    only = tuple(own for own in result.results if own.model.name == "e_k1")
     page = skull_report(replace(result, results=only))
     assert 'id="unseen-exposure_ms"' in page
     assert 'id="unseen-p_norm"' not in page

@@ -14,14 +14,14 @@ def _score(score):
 
 
 def _result_of(result, model):
-    return next(own for own in result.results if own.model.specification.name == model)
+    return next(own for own in result.results if own.model.name == model)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_unseen_scores_are_the_results(result, read_page, model):
     own = _result_of(result, model)
     row = read_page.model_row(f"unseen-{MODELS[model]}", model)
-    assert _values(row[3:10]) == [len(own.model.process.y), *_score(own.unseen.score)]
+    assert _values(row[3:10]) == [own.model.n_observations, *_score(own.unseen.score)]
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -73,11 +73,11 @@ def test_decoding_is_the_results(result, read_page):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_hyperparameters_are_the_models(result, page, model):
-    process = _result_of(result, model).model.process
+    parameters = _result_of(result, model).model.hyperparameters()
     table = page[page.index('<table id="hyperparameters"') :]
     row = table[table.index(f"<code>{model}</code>") :].partition("</tr>")[0]
     shown = [float(value) for value in re.findall(r'<data value="([^"]+)"', row)]
-    expected = [own.value for own in process.kernel.free_parameters] + [process.noise_variance]
+    expected = [each.value for each in parameters if each.remark != "fixed"]
     assert shown[: len(expected)] == expected
 
 

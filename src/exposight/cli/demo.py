@@ -28,7 +28,7 @@ from exposight.demo import (
     run_door,
     run_skull,
 )
-from exposight.models import MODEL_SUFFIX, UNITS, model_named
+from exposight.models import MODEL_SUFFIX, model_named
 from exposight.plans import PLANS
 from exposight.report import write_report
 from exposight.report.door import door_report
@@ -179,9 +179,9 @@ def _shared_document(result: DemoResult, report: Path) -> dict[str, object]:
         "visibility": result.table.counts(),
         "models": [
             {
-                "model": own.model.specification.name,
-                "target": own.model.specification.target,
-                "unit": UNITS[own.model.specification.target],
+                "model": own.model.name,
+                "target": own.model.target,
+                "unit": own.model.unit,
                 "known_features": asdict(own.known.score),
                 "unseen_features": asdict(own.unseen.score),
                 "seconds": own.seconds,
@@ -287,8 +287,8 @@ def _print_models(result: DemoResult) -> None:
         ("model", "predicts", "known\nR² %", "known\nRMSE", "unseen\nR² %", "unseen\nRMSE"),
         (
             (
-                own.model.specification.name,
-                own.model.specification.title,
+                own.model.name,
+                own.model.title,
                 *_cells(own.known),
                 *_cells(own.unseen),
             )
@@ -300,7 +300,7 @@ def _print_models(result: DemoResult) -> None:
 
 
 def _print_files(result: DemoResult, report: Path) -> None:
-    best = result.output / "models" / f"{result.results[0].model.specification.name}{MODEL_SUFFIX}"
+    best = result.output / "models" / f"{result.results[0].model.name}{MODEL_SUFFIX}"
     program = sys.argv[0] if "exposight" in sys.argv[0] else "exposight"
     print_line(f"report:       {report}")
     print_line(f"observations: {result.output / 'observations.csv'}")
@@ -309,7 +309,7 @@ def _print_files(result: DemoResult, report: Path) -> None:
 
 
 def _cells(evaluation: Evaluation) -> tuple[str, str]:
-    quality = evaluation.specification.target == "p_norm"
+    quality = evaluation.model.target == "p_norm"
     scale, unit = (100.0, "%") if quality else (1.0, "ms")  # percent of full scale, as the paper
     score = evaluation.score
     return f"{score.r2_percent:.1f}", f"{number(scale * score.rmse, 3)} {unit}"

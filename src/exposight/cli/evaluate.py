@@ -21,11 +21,11 @@ from exposight.cli.output import (
     print_table,
 )
 from exposight.cli.position_units import position_unit_remark
-from exposight.models import MODEL_SUFFIX, UNITS, evaluate, load_model
+from exposight.models import MODEL_SUFFIX, GaussianProcessModel, evaluate, load_model
 from exposight.observing import read_observations
 
 if TYPE_CHECKING:
-    from exposight.models import Evaluation, TrainedModel
+    from exposight.models import Evaluation, GaussianProcessModel
     from exposight.statistics import RegressionScore
 
 _Models = Annotated[
@@ -56,7 +56,7 @@ def evaluate_command(
     _check_order(models, observations)
     table = read_observations(observations)
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
-    loaded = [load_model(path) for path in models]
+    loaded = [load_model(path, GaussianProcessModel) for path in models]
     results = [evaluate(model, table) for model in loaded]
     known = [model.provenance.observations_sha256 == sha256 for model in loaded]
     exposures = table.array(["exposure_ms"])[:, 0]
@@ -87,7 +87,7 @@ def evaluate_command(
         [row for result in results for row in _rows(result)],
         words=("rows",),
     )
-    names = [result.specification.name for result in results]
+    names = [result.model.name for result in results]
     seen_names = [name for name, seen in zip(names, known, strict=True) if seen]
     if seen_names:
         note(f"{', '.join(seen_names)} learnt from this very table; only unseen features tell")
@@ -112,13 +112,13 @@ def _check_order(models: list[Path], observations: Path) -> None:
 
 
 def _document(
-    path: Path, model: TrainedModel, result: Evaluation, known: bool
+    path: Path, model: GaussianProcessModel, result: Evaluation, known: bool
 ) -> dict[str, object]:
     return {
         "file": path,
-        "model": model.specification.name,
-        "target": model.specification.target,
-        "unit": UNITS[model.specification.target],
+        "model": model.name,
+        "target": model.target,
+        "unit": model.unit,
         "trained_on_this_table": known,
         "all": asdict(result.score),
         "inside_training_range": asdict(result.score_inside) if result.score_inside else None,
@@ -126,7 +126,7 @@ def _document(
 
 
 def _rows(result: Evaluation) -> list[tuple[str, ...]]:
-    name, target = result.specification.name, result.specification.target
+    name, target = result.model.name, result.model.target
     rows = [(name, "all", *_cells(result.score, target))]
     if result.score_inside is None:
         rows.append(("", "inside", "0", *("–",) * 6))

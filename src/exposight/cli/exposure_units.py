@@ -11,7 +11,7 @@ from exposight.cli.output import number
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel
 
 
 _UNITS = {1e3: "s", 1e-3: "µs", 1e-6: "ns", 1e6: "another unit"}
@@ -24,12 +24,12 @@ _MARGIN = 3.0
 """Fitting is meant widely: a model may know the best of a sweep's exposure times only."""
 
 
-def exposure_unit_remark(model: TrainedModel, exposures: ArrayLike) -> str:
+def exposure_unit_remark(model: GaussianProcessModel, exposures: ArrayLike) -> str:
     """Say which unit exposure times seem to be in, if not in ms.
 
     Parameters
     ----------
-    model : TrainedModel
+    model : GaussianProcessModel
         Knows the range of its own: that of its training data where it predicts exposure times, else
         that of its sensor, where it has one.
     exposures : (n,) array_like
@@ -58,14 +58,14 @@ def exposure_unit_remark(model: TrainedModel, exposures: ArrayLike) -> str:
     remedy = f"multiply by {factor:.0f}" if factor > 1 else f"divide by {1 / factor:.0f}"
     return (
         f"the exposure times here, {first} to {last}, do not fit those of "
-        f"{model.specification.name}, {number(low)} to {number(high)} ms: they seem to be in "
+        f"{model.name}, {number(low)} to {number(high)} ms: they seem to be in "
         f"{_UNITS[factor]}; {remedy} in column exposure_ms, which is in ms"
     )
 
 
-def _range_ms(model: TrainedModel) -> tuple[float, float] | None:
-    if model.specification.target == "exposure_ms":
-        return float(model.process.y.min()), float(model.process.y.max())
+def _range_ms(model: GaussianProcessModel) -> tuple[float, float] | None:
+    if model.target == "exposure_ms":
+        return model.target_range
     if model.sensor is not None:
         return model.sensor.exposure_min_ms, model.sensor.exposure_max_ms
     return None

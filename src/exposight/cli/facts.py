@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.cli.output import number
-from exposight.models import UNITS
+from exposight.quantities import quantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -74,8 +74,7 @@ def span(values: Iterable[float], unit: str) -> str:
 
 def short_unit(variable: str) -> str:
     """Return the unit of one of the models' variables, empty for p_norm, which has none."""
-    unit = UNITS[variable]
-    return "" if unit == "1" else unit.removesuffix(" 0–255")
+    return quantity(variable).suffix
 
 
 def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:

@@ -10,7 +10,7 @@ import polars as pl
 from exposight.cli.output import number
 
 if TYPE_CHECKING:
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel
     from exposight.observing import ObservationTable
 
 
@@ -23,12 +23,12 @@ _LEAST_MM = 5.0
 """A cell's positions reach farther from the TCP than this."""
 
 
-def position_unit_remark(model: TrainedModel, frame: pl.DataFrame) -> str:
+def position_unit_remark(model: GaussianProcessModel, frame: pl.DataFrame) -> str:
     """Say that positions seem to be in m, if they reach far less than a model's own.
 
     Parameters
     ----------
-    model : TrainedModel
+    model : GaussianProcessModel
         Knows the range of the positions that it was trained on.
     frame : polars.DataFrame
         Has the model's inputs.
@@ -38,7 +38,7 @@ def position_unit_remark(model: TrainedModel, frame: pl.DataFrame) -> str:
     str
         Empty where there is nothing to say.
     """
-    ranges = model.training_range()
+    ranges = model.training_range
     known = [name for name in _POSITIONS if name in ranges]
     if not known:
         return ""
@@ -54,7 +54,7 @@ def position_unit_remark(model: TrainedModel, frame: pl.DataFrame) -> str:
         return ""
     return (
         f"{', '.join(known)} span {number(own_span, 3)} mm at most here, and "
-        f"{number(span, 3)} mm where {model.specification.name} was trained: are they in metres? "
+        f"{number(span, 3)} mm where {model.name} was trained: are they in metres? "
         "positions are in mm, multiply by 1000 if so"
     )
 

@@ -28,13 +28,13 @@ from exposight.cli.output import (
 from exposight.cli.position_units import position_unit_remark
 from exposight.errors import FormatError, InputError
 from exposight.files.durable import write_durably
-from exposight.models import I_AVG_MAX, I_AVG_MIN, UNITS, load_model
+from exposight.models import I_AVG_MAX, I_AVG_MIN, GaussianProcessModel, load_model
 from exposight.observing import read_inputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exposight.models import ModelPrediction, TrainedModel
+    from exposight.models import GaussianProcessModel, Prediction
 
 _SHOWN_ROWS = 20
 
@@ -102,18 +102,18 @@ def predict_command(
         raise typer.BadParameter(msg)
     if output is not None:
         keep_inputs(output, observations, model_file)
-    model = load_model(model_file)
+    model = load_model(model_file, GaussianProcessModel)
     if observations is None:
         _predict_one(model, inputs, as_json=as_json)
     else:
-        table = read_inputs(observations, model.specification.inputs)
-        _predict_table(model, table, output, as_json=as_json)
+        table = read_inputs(observations, model.inputs)
+        _predict(model, table, output, as_json=as_json)
 
 
 # -- one feature --------------------------------------------------------------------------------
 
 
-def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool) -> None:
+def _predict_one(model: GaussianProcessModel, inputs: dict[str, float], *, as_json: bool) -> None:
     specification = model.specification
     missing = [name for name in specification.inputs if name not in inputs]
     if missing:
@@ -129,7 +129,7 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
         raise typer.BadParameter(msg)
     ignored = [name for name in inputs if name not in specification.inputs]
     x = np.array([[inputs[name] for name in specification.inputs]])
-    prediction = model.predict(x)
+    prediction = model.predict(**{name: inputs[name] for name in specification.inputs})
     mean, std = float(prediction.mean[0]), float(prediction.std[0])
     outside = _outside(model, x)[0]
     if as_json:
@@ -137,12 +137,12 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
             {
                 "model": specification.name,
                 "target": specification.target,
-                "unit": UNITS[specification.target],
+                "unit": model.unit,
                 "mean": mean,
                 "std": std,
                 "inside_training_range": bool(prediction.inside[0]),
                 "outside": outside,
-                "training_range": model.training_range(),
+                "training_range": model.training_range,
                 "ignored_inputs": ignored,
                 **_exposure_document(model, mean, trusted=not outside),
             }
@@ -150,7 +150,7 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
         return
     name: str = specification.target
     facts = [(name, f"{number(mean)} ± {number(2 * std, 3)} {short_unit(name)}".rstrip() + " (2σ)")]
-    ranges = model.training_range()
+    ranges = model.training_range
     for name in specification.inputs:
         low, high = ranges[name]
         verdict = "OUTSIDE" if name in outside else "inside"
@@ -170,9 +170,11 @@ def _predict_one(model: TrainedModel, inputs: dict[str, float], *, as_json: bool
         note(f"{specification.name} does not read {', '.join(ignored)}")
 
 
-def _exposure_document(model: TrainedModel, mean: float, *, trusted: bool) -> dict[str, object]:
+def _exposure_document(
+    model: GaussianProcessModel, mean: float, *, trusted: bool
+) -> dict[str, object]:
     """Return what the sensor makes of a predicted exposure time, no setting if extrapolated."""
-    if model.specification.target != "exposure_ms":
+    if model.target != "exposure_ms":
         return {}
     sensor = model.sensor
     if sensor is None:
@@ -185,9 +187,11 @@ def _exposure_document(model: TrainedModel, mean: float, *, trusted: bool) -> di
     }
 
 
-def _sensor_facts(model: TrainedModel, mean: float, *, trusted: bool) -> list[tuple[str, str]]:
+def _sensor_facts(
+    model: GaussianProcessModel, mean: float, *, trusted: bool
+) -> list[tuple[str, str]]:
     """Say what the sensor makes of a predicted exposure time."""
-    if model.specification.target != "exposure_ms":
+    if model.target != "exposure_ms":
         return []
     sensor = model.sensor
     if sensor is None:
@@ -200,33 +204,30 @@ def _sensor_facts(model: TrainedModel, mean: float, *, trusted: bool) -> list[tu
     return [("sensor", f"inside {span}"), ("setting", setting)]
 
 
-def _outside(model: TrainedModel, x: NDArray[np.float64]) -> list[list[str]]:
+def _outside(model: GaussianProcessModel, x: NDArray[np.float64]) -> list[list[str]]:
     """Return, for each of (n, d) inputs, the names of those outside the training range."""
-    ranges = np.array(list(model.training_range().values()))
+    ranges = np.array(list(model.training_range.values()))
     beyond = (x < ranges[:, 0]) | (x > ranges[:, 1])
-    names = np.array(model.specification.inputs, dtype=object)
+    names = np.array(model.inputs, dtype=object)
     return [names[row].tolist() for row in beyond]
 
 
 # -- a table ------------------------------------------------------------------------------------
 
 
-def _predict_table(
-    model: TrainedModel, table: pl.DataFrame, output: Path | None, *, as_json: bool
+def _predict(
+    model: GaussianProcessModel, table: pl.DataFrame, output: Path | None, *, as_json: bool
 ) -> None:
-    asked = table.select(pl.col(model.specification.inputs).fill_null(np.nan))
-    x = asked.to_numpy().reshape(-1, len(model.specification.inputs))
+    asked = table.select(pl.col(model.inputs).fill_null(np.nan))
+    x = asked.to_numpy().reshape(-1, len(model.inputs))
     complete: NDArray[np.bool_] = np.asarray(np.isfinite(x).all(axis=1))
     if table.height == 0:
         msg = "the table has no rows, so there is nothing to predict"
         raise InputError(msg)
     if not complete.any():
-        msg = (
-            f"no row has all inputs of {model.specification.name}: "
-            f"{', '.join(model.specification.inputs)}"
-        )
+        msg = f"no row has all inputs of {model.name}: {', '.join(model.inputs)}"
         raise InputError(msg)
-    prediction = model.predict(x[complete])
+    prediction = model.predict(table.filter(pl.Series(complete)))
     frame = _frame(model, table.filter(pl.Series(complete)), x[complete], prediction)
     replaced = output is not None and output.exists()
     if output is not None:
@@ -241,9 +242,9 @@ def _predict_table(
     if as_json:
         print_json(
             {
-                "model": model.specification.name,
-                "target": model.specification.target,
-                "unit": UNITS[model.specification.target],
+                "model": model.name,
+                "target": model.target,
+                "unit": model.unit,
                 "rows": len(table),
                 "without_inputs": left_out,
                 "inside_training_range": inside,
@@ -283,13 +284,13 @@ def _predict_table(
 
 
 def _frame(
-    model: TrainedModel,
+    model: GaussianProcessModel,
     table: pl.DataFrame,
     x: NDArray[np.float64],
-    prediction: ModelPrediction,
+    prediction: Prediction,
 ) -> pl.DataFrame:
     """Return what was asked and what is predicted, a row each."""
-    target = model.specification.target
+    target = model.target
     frame = table.with_columns(
         pl.Series(f"predicted_{target}", prediction.mean),
         pl.Series(f"predicted_{target}_std", prediction.std),
@@ -312,7 +313,7 @@ def _write(path: Path, frame: pl.DataFrame) -> None:
     write_durably(path, buffer.getvalue())
 
 
-def _summary(target: str, prediction: ModelPrediction) -> str:
+def _summary(target: str, prediction: Prediction) -> str:
     """Spell the smallest, middle and largest prediction, and how far to believe them."""
     low, middle, high = (number(own) for own in np.percentile(prediction.mean, [0, 50, 100]))
     unit = f" {short_unit(target)}".rstrip()
@@ -320,13 +321,13 @@ def _summary(target: str, prediction: ModelPrediction) -> str:
     return f"{low} … {high}{unit}, median {middle} ± {sigma}{unit} (2σ)"
 
 
-def _print_rows(model: TrainedModel, frame: pl.DataFrame) -> None:
-    target = model.specification.target
+def _print_rows(model: GaussianProcessModel, frame: pl.DataFrame) -> None:
+    target = model.target
     unit = f"\n{short_unit(target)}"
     # What was measured, where it was, and what the model reads.
     names = [own for own in ("feature", "view") if frame[own].null_count() < frame.height]
     known = [own for own in (target,) if frame[own].null_count() < frame.height]
-    inputs = model.specification.inputs
+    inputs = model.inputs
     print_line("")
     print_table(
         (

@@ -11,7 +11,6 @@ import numpy as np
 
 from exposight.cell import CLOUD_SUFFIXES, CampaignFolder, read_features, read_sensor
 from exposight.cli.facts import Recognised, fact, limits, sensor_facts, short_unit, span
-from exposight.cli.hyperparameters import describe_hyperparameters
 from exposight.cli.measuring_plans import is_plan, recognise_plan
 from exposight.cli.output import count, number, progress_bars
 from exposight.cli.recordings import (
@@ -24,7 +23,7 @@ from exposight.cli.recordings import (
     recognise_sequence,
 )
 from exposight.errors import FormatError, MissingFileError, did_you_mean
-from exposight.models import MODEL_SUFFIX, is_model_file, load_model
+from exposight.models import MODEL_SUFFIX, GaussianProcessModel, is_model_file, load_model
 from exposight.observing import read_observations
 from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
 from exposight.twin.campaign import RECORD_FILE
@@ -152,11 +151,11 @@ def _campaign(path: Path) -> Recognised:
 
 
 def _model(path: Path) -> Recognised:
-    model = load_model(path)
+    model = load_model(path, GaussianProcessModel)
     specification, summary, provenance = model.specification, model.summary, model.provenance
-    ranges = model.training_range()
+    ranges = model.training_range
     target = f"{specification.target}, {short_unit(specification.target) or '0 to 1'}"
-    hyperparameters = describe_hyperparameters(model)
+    hyperparameters = model.hyperparameters()
     source = provenance.observations + (", partly or wholly emulated" * provenance.emulated)
     facts = [
         fact("model", specification.name, f"{specification.name}, {specification.source}"),
@@ -165,7 +164,7 @@ def _model(path: Path) -> Recognised:
             fact(name, list(ranges[name]), f"trained on {span(ranges[name], short_unit(name))}")
             for name in specification.inputs
         ),
-        fact("observations", len(model.process.y), count(len(model.process.y))),
+        fact("observations", model.n_observations, count(model.n_observations)),
         fact("from", provenance.observations, source),
         fact("emulated", provenance.emulated, "yes" if provenance.emulated else "no"),
         fact("sensor", model.sensor.name if model.sensor else None),

@@ -38,7 +38,7 @@ from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
-    from exposight.models import ModelSpecification, TrainedModel
+    from exposight.models import GaussianProcessModel, ModelSpecification
     from exposight.observing import ObservationTable
 
 _ALL = "all"
@@ -50,7 +50,7 @@ _LEAST_ROWS = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Trained:
-    model: TrainedModel
+    model: GaussianProcessModel
     path: Path
     replaced: bool
 
@@ -134,7 +134,7 @@ def train_command(
         )
     trained = []
     for model in models_trained:
-        path = output / f"{model.specification.name}{MODEL_SUFFIX}"
+        path = output / f"{model.name}{MODEL_SUFFIX}"
         replaced = path.exists()
         save_model(path, model)
         trained.append(_Trained(model=model, path=path, replaced=replaced))
@@ -170,10 +170,10 @@ def _remarks(table: ObservationTable, trained: list[_Trained]) -> list[str]:
         verb = "repeats" if repeated == 1 else "repeat"
         remarks.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
     for done in trained:
-        rows, wanted = len(done.model.process.y), _LEAST_ROWS * len(done.model.specification.inputs)
+        rows, wanted = done.model.n_observations, _LEAST_ROWS * len(done.model.inputs)
         if rows < wanted:
             remarks.append(
-                f"{done.model.specification.name} learnt from {counted(rows, 'row')} only; "
+                f"{done.model.name} learnt from {counted(rows, 'row')} only; "
                 f"{_LEAST_ROWS} for each of its inputs, {wanted}, are the least to expect much of"
             )
     return [remark for remark in remarks if remark]
@@ -186,7 +186,7 @@ def _document(done: _Trained) -> dict[str, object]:
         "title": specification.title,
         "target": specification.target,
         "inputs": specification.inputs,
-        "observations": len(done.model.process.y),
+        "observations": done.model.n_observations,
         "emulated": done.model.provenance.emulated,
         "log_marginal_likelihood": summary.log_marginal_likelihood,
         "converged": summary.converged,
@@ -205,9 +205,9 @@ def _print(trained: list[_Trained]) -> None:
         ("model", "predicts", "rows", "log\nlikelihood", "converged", "s"),
         (
             (
-                done.model.specification.name,
-                done.model.specification.title,
-                count(len(done.model.process.y)),
+                done.model.name,
+                done.model.title,
+                count(done.model.n_observations),
                 number(done.model.summary.log_marginal_likelihood, 5),
                 "yes" if done.model.summary.converged else "no",
                 f"{done.model.summary.seconds or 0.0:.1f}",
@@ -218,14 +218,14 @@ def _print(trained: list[_Trained]) -> None:
     )
     for done in trained:
         print_line("")
-        print_line(done.model.specification.name, style="bold")
+        print_line(done.model.name, style="bold")
         print_hyperparameters(done.model)
     print_line("")
     for done in trained:
         wrote("model", done.path, replaced=done.replaced)
     if any(done.model.provenance.emulated for done in trained):
         note("emulated exposures are among the observations; the models' files say so")
-    unfinished = [done.model.specification.name for done in trained if not _converged(done)]
+    unfinished = [done.model.name for done in trained if not _converged(done)]
     if unfinished:
         note(f"{', '.join(unfinished)} did not converge; more --restarts may help")
 

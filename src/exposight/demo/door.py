@@ -233,14 +233,13 @@ def _new_view(
 ) -> NewView:
     """Forecast the view at all exposure times, choose one, and only then take the view."""
     sensor, part = campaign.sensor, campaign.part
-    models = {own.model.specification.name: own.model for own in results}
+    models = {own.model.name: own.model for own in results}
     quality, exposure = models[QUALITY_MODEL], models[EXPOSURE_MODEL]
     tell("forecasting a new view", 0, 1)
     plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
     (planned,) = views(plan, part, sensor)
     seen = _visible(view_features(part, sensor, planned.reported_camera_from_part))
-    learnt_ms = exposure.process.y
-    weighed = logarithmic_exposures(learnt_ms.min(), learnt_ms.max(), _CHOICES, sensor)
+    weighed = logarithmic_exposures(*exposure.target_range, _CHOICES, sensor)
     choice = forecast_view(quality, exposure, seen, sorted(set(weighed)))  # rounding doubles some
     chosen_ms = choice.best_exposure_ms()
     exposures_ms = _bracket(chosen_ms, sensor)

@@ -12,7 +12,7 @@ from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
-    from exposight.models import Evaluation, ModelSpecification, TrainedModel
+    from exposight.models import Evaluation, GaussianProcessModel, ModelSpecification
     from exposight.observing import ObservationTable
 
 
@@ -55,7 +55,7 @@ class DemoSettings:
 class ModelResult:
     """A trained model, judged by the features it knows and by those it has never seen."""
 
-    model: TrainedModel
+    model: GaussianProcessModel
     known: Evaluation
     unseen: Evaluation
     seconds: float

@@ -93,7 +93,7 @@ def train_models(
     )
     results = []
     for model in models:
-        save_model(folder / f"{model.specification.name}{MODEL_SUFFIX}", model)
+        save_model(folder / f"{model.name}{MODEL_SUFFIX}", model)
         results.append(
             ModelResult(
                 model=model,

@@ -1,30 +1,28 @@
 """A trained model as one self-contained file: an ordinary ZIP archive, without pickle.
 
-``model.json`` holds everything but the numbers trained on, which are ``inputs.npy`` and
-``targets.npy``; the archive's comment is the SHA-256 of all bytes before it, so that any damage
-shows. Factors are not stored: they follow from the data, and are computed again when it is read.
-Documented in ``docs/formats.md``.
+``model.json`` holds everything but arrays, which are files ``NAME.npy``; the archive's comment is
+the SHA-256 of all bytes before it, so that any damage shows. Which arrays there are is the kind's
+matter (`Predictor.to_document`). Documented in ``docs/formats.md``.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import json
 import re
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
-from pydantic import Field
 
 from exposight.cell import ActiveSensor
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
 from exposight.files.documents import StrictDocument, check_header, parse_json, validate
 from exposight.files.durable import write_durably
-from exposight.gp import GaussianProcess, kernel_from_dict
-from exposight.models.specification import UNITS, ModelSpecification, Target
-from exposight.models.trained_model import FitSummary, Provenance, TrainedModel
+from exposight.models.predictor import Predictor, Provenance, predictor_kind
+from exposight.quantities import quantity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,57 +30,39 @@ if TYPE_CHECKING:
 MODEL_SUFFIX = ".exposight-model"
 """Ending of a model file's name."""
 
+_Kind = TypeVar("_Kind", bound=Predictor)
+
 _FORMAT = "exposight model"
-_VERSION = 1
-_MANIFEST, _INPUTS, _TARGETS = "model.json", "inputs.npy", "targets.npy"
+_VERSION = 2
+_CONTENT_OF_VERSION_1 = ("source", "p_norm_min", "kernel", "noise_variance", "fit")
+_MANIFEST, _ARRAY = "model.json", ".npy"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # ZIP's earliest date: the same model gives the same bytes
 _DIGEST_LENGTH = 64
 _HEAD_LENGTH = 40  # ZIP's header of the first member, 30 bytes, and that member's name
 
 
-class _VariableDocument(StrictDocument):
+class _Variable(StrictDocument):
     name: str
     unit: str
-
-
-class _TargetDocument(_VariableDocument):
-    name: Target
-
-
-class _FitDocument(StrictDocument):
-    log_marginal_likelihood: float
-    converged: bool
-    evaluations: int
-    starts: int
-    parameters_at_bound: tuple[str, ...]
-
-
-class _ProvenanceDocument(StrictDocument):
-    observations: str
-    observations_sha256: str | None
-    emulated: bool
-    seed: int
-    exposight_version: str
 
 
 class _ModelDocument(StrictDocument):
     format: str
     version: int
+    kind: str
+    """Which kind of predictor: `Predictor.kind`."""
     name: str
     title: str
-    source: str
-    target: _TargetDocument
-    inputs: tuple[_VariableDocument, ...]
-    p_norm_min: float | None
-    kernel: dict[str, Any]
-    noise_variance: float = Field(gt=0)
-    fit: _FitDocument
-    provenance: _ProvenanceDocument
+    target: _Variable
+    inputs: tuple[_Variable, ...]
+    provenance: Provenance
     sensor: str | None
     """The sensor's own JSON document, as text."""
+    content: dict[str, Any]
+    """What this kind keeps: `Predictor.to_document`."""
 
 
-def save_model(path: str | Path, model: TrainedModel) -> None:
+def save_model(path: str | Path, model: Predictor) -> None:
     """Write a trained model to one file, durably.
 
     The same model gives the same bytes.
@@ -91,7 +71,7 @@ def save_model(path: str | Path, model: TrainedModel) -> None:
     ----------
     path : path
         Should end in `MODEL_SUFFIX`.
-    model : TrainedModel
+    model : Predictor
         What to write.
 
     Raises
@@ -99,32 +79,34 @@ def save_model(path: str | Path, model: TrainedModel) -> None:
     FileError
         If it cannot be written; a file that was there stays whole.
     """
+    content, arrays = model.to_document()
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         members = {
-            _MANIFEST: _document(model).model_dump_json(indent=2).encode(),
-            _INPUTS: _npy(model.process.x),
-            _TARGETS: _npy(model.process.y),
+            _MANIFEST: _document(model, content).model_dump_json(indent=2).encode(),
+            **{f"{name}{_ARRAY}": _npy(array) for name, array in arrays.items()},
         }
         for name, data in members.items():
             archive.writestr(zipfile.ZipInfo(name, date_time=_EPOCH), data)
         archive.comment = b"0" * _DIGEST_LENGTH
-    content = buffer.getvalue()[:-_DIGEST_LENGTH]
-    digest = hashlib.sha256(content).hexdigest().encode()
-    write_durably(Path(path), content + digest)
+    unsealed = buffer.getvalue()[:-_DIGEST_LENGTH]
+    digest = hashlib.sha256(unsealed).hexdigest().encode()
+    write_durably(Path(path), unsealed + digest)
 
 
-def load_model(path: str | Path) -> TrainedModel:
+@overload
+def load_model(path: str | Path) -> Predictor: ...
+@overload
+def load_model(path: str | Path, kind: type[_Kind]) -> _Kind: ...
+def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor:
     """Read a trained model and make it ready to predict.
 
     Parameters
     ----------
     path : path
         A file that `save_model` wrote.
-
-    Returns
-    -------
-    TrainedModel
+    kind : type, optional
+        Of predictor that is wanted, such as `GaussianProcessModel`; any by default.
 
     Raises
     ------
@@ -153,17 +135,40 @@ def load_model(path: str | Path) -> TrainedModel:
             manifest = archive.read(_MANIFEST).decode()
             raw = parse_json(manifest, str(path))
             check_header(raw, format_name=_FORMAT, newest=_VERSION, source=str(path))
-            x = _read_npy(archive.read(_INPUTS))
-            y = _read_npy(archive.read(_TARGETS))
+            arrays = {
+                name.removesuffix(_ARRAY): _read_npy(archive.read(name))
+                for name in archive.namelist()
+                if name.endswith(_ARRAY)
+            }
     except (zipfile.BadZipFile, KeyError, ValueError) as error:
         msg = f"{path}: not a model file ({error})"
         raise FormatError(msg) from error
+    if raw["version"] == 1:
+        manifest = json.dumps(_from_version_1(raw))
     document = validate(_ModelDocument, manifest, str(path))
+    _check_units(document, str(path))
+    fields = {
+        "name": document.name,
+        "title": document.title,
+        "target": document.target.name,
+        "inputs": tuple(variable.name for variable in document.inputs),
+        "provenance": document.provenance,
+        "sensor": ActiveSensor.from_json(document.sensor, source=f"{path}: its sensor")
+        if document.sensor
+        else None,
+    }
     try:
-        return _model(document, x, y, source=str(path))
-    except InputError as error:
+        model = predictor_kind(document.kind).from_document(fields, document.content, arrays)
+    except KeyError as error:
+        msg = f"{path}: not a model file ({error.args[0]} is missing)"
+        raise FormatError(msg) from error
+    except (InputError, FormatError) as error:
         msg = f"{path}: {error}"
         raise FormatError(msg) from error
+    if not isinstance(model, kind):
+        msg = f"{path}: expected a model of kind {kind.kind!r}, got {model.kind!r}"
+        raise FormatError(msg)
+    return model
 
 
 def is_model_file(path: str | Path) -> bool:
@@ -196,75 +201,35 @@ def _check_digest(path: Path, data: bytes) -> None:
         raise DamagedFileError(msg)
 
 
-def _document(model: TrainedModel) -> _ModelDocument:
-    specification, summary, provenance = model.specification, model.summary, model.provenance
+def _document(model: Predictor, content: dict[str, Any]) -> _ModelDocument:
     return _ModelDocument(
         format=_FORMAT,
         version=_VERSION,
-        name=specification.name,
-        title=specification.title,
-        source=specification.source,
-        target=_TargetDocument(name=specification.target, unit=UNITS[specification.target]),
-        inputs=tuple(
-            _VariableDocument(name=name, unit=UNITS[name]) for name in specification.inputs
-        ),
-        p_norm_min=specification.p_norm_min,
-        kernel=model.process.kernel.to_dict(),
-        noise_variance=model.process.noise_variance,
-        fit=_FitDocument(
-            log_marginal_likelihood=summary.log_marginal_likelihood,
-            converged=summary.converged,
-            evaluations=summary.evaluations,
-            starts=summary.starts,
-            parameters_at_bound=summary.parameters_at_bound,
-        ),
-        provenance=_ProvenanceDocument(
-            observations=provenance.observations,
-            observations_sha256=provenance.observations_sha256,
-            emulated=provenance.emulated,
-            seed=provenance.seed,
-            exposight_version=provenance.exposight_version,
-        ),
+        kind=model.kind,
+        name=model.name,
+        title=model.title,
+        target=_variable(model.target),
+        inputs=tuple(map(_variable, model.inputs)),
+        provenance=model.provenance,
         sensor=model.sensor.to_json() if model.sensor else None,
+        content=content,
     )
 
 
-def _model(
-    document: _ModelDocument, x: NDArray[np.float64], y: NDArray[np.float64], *, source: str
-) -> TrainedModel:
-    kernel = kernel_from_dict(document.kernel)
-    _check_variables(document, source)
-    if x.ndim != 2 or x.shape[1] != len(document.inputs):
-        msg = (
-            f"{source}: {_INPUTS} must have a column for each of {len(document.inputs)} inputs, "
-            f"got shape {x.shape}"
-        )
-        raise FormatError(msg)
-    return TrainedModel(
-        specification=ModelSpecification(
-            name=document.name,
-            title=document.title,
-            target=document.target.name,
-            inputs=tuple(variable.name for variable in document.inputs),
-            kernel=kernel,
-            p_norm_min=document.p_norm_min,
-            source=document.source,
-        ),
-        process=GaussianProcess.condition(kernel, document.noise_variance, x, y),
-        summary=FitSummary(**document.fit.model_dump()),
-        provenance=Provenance(**document.provenance.model_dump()),
-        sensor=ActiveSensor.from_json(document.sensor, source=f"{source}: its sensor")
-        if document.sensor
-        else None,
-    )
+def _variable(name: str) -> _Variable:
+    return _Variable(name=name, unit=quantity(name).unit)
 
 
-def _check_variables(document: _ModelDocument, source: str) -> None:
+def _from_version_1(raw: dict[str, Any]) -> dict[str, Any]:
+    """Return the document of version 1, which knew Gaussian processes only, as one of today."""
+    head = {key: value for key, value in raw.items() if key not in _CONTENT_OF_VERSION_1}
+    content = {key: raw[key] for key in _CONTENT_OF_VERSION_1 if key in raw}
+    return {**head, "kind": "gaussian-process", "content": content}
+
+
+def _check_units(document: _ModelDocument, source: str) -> None:
     for variable in (document.target, *document.inputs):
-        unit = UNITS.get(variable.name)
-        if unit is None:
-            msg = f"{source}: no variable '{variable.name}'; expected one of {', '.join(UNITS)}"
-            raise FormatError(msg)
+        unit = quantity(variable.name).unit
         if variable.unit != unit:
             msg = (
                 f"{source}: variable '{variable.name}' is in '{variable.unit}', expected "
@@ -273,12 +238,12 @@ def _check_variables(document: _ModelDocument, source: str) -> None:
             raise FormatError(msg)
 
 
-def _npy(array: NDArray[np.float64]) -> bytes:
+def _npy(array: NDArray[Any]) -> bytes:
     buffer = io.BytesIO()
     np.save(buffer, array, allow_pickle=False)
     return buffer.getvalue()
 
 
-def _read_npy(data: bytes) -> NDArray[np.float64]:
-    array = np.load(io.BytesIO(data), allow_pickle=False)
-    return np.asarray(array, dtype=np.float64)
+def _read_npy(data: bytes) -> NDArray[Any]:
+    array: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+    return array

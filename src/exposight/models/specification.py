@@ -1,31 +1,46 @@
-"""What a model is before it is trained: target, inputs, kernel, and which rows it learns from."""
+"""What a model is before it is trained, and the paper's models (Sects. 3.3 and 3.4, Tables 2, 3).
+
+The quality models ᵠGP predict p_norm from brightness and position and learn from every measured
+observation. They share one base kernel (Eq. 9): a rational quadratic with a length scale for each
+input, switched off below i_avg = 10 and above 255 by the change-point kernels, where the prediction
+is exactly 0.
+
+The exposure-time models ᵉGP predict the exposure that yields a wanted brightness, and learn only
+from observations of sufficient quality, p_norm ≥ 0.75 (Sect. 3.4.1). Their kernels are the
+exponential ones of Eq. 18 in GPy's form σ²·exp(−r), which Table 8's values need; see
+`exposight.gp.Exponential`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from exposight.quantities import QUANTITIES
+from exposight.errors import InputError, did_you_mean
+from exposight.gp import ChangePoint, Exponential, Linear, RationalQuadratic
+from exposight.models.predictor import input_array
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
     from exposight.gp import Kernel
     from exposight.observing import ObservationTable
 
-Target = Literal["p_norm", "exposure_ms"]
+I_AVG_MIN = 10.0
+"""Below this mean grey value there are no points (Sect. 3.3.3 and Fig. 10)."""
+I_AVG_MAX = 255.0
+"""Full scale of the 8-bit range (Sect. 3.3.3)."""
 
-UNITS = {
-    name: QUANTITIES[name].unit
-    for name in ("p_norm", "exposure_ms", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-}
-"""Unit of every variable that the paper's models read or predict (Table 1)."""
+P_NORM_MIN = 0.75
+"""Least quality to learn an exposure time from (Sect. 3.4.1)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSpecification:
-    """One of the paper's models, untrained.
+    """A Gaussian-process model, untrained: one of the paper's, or one's own.
 
     Parameters
     ----------
@@ -33,25 +48,25 @@ class ModelSpecification:
         As in the paper, written plainly: ``q_k4`` is ᵠk₄, ``e_k6_star`` is ᵉk₆*.
     title : str
         What it is, for people.
-    target : {"p_norm", "exposure_ms"}
-        The column it predicts.
+    target : str
+        The column it predicts: ``p_norm``, ``exposure_ms`` or any other numeric one.
     inputs : tuple of str
-        The columns it reads, in the paper's order.
+        The columns it reads, in the order of the kernel's dimensions.
     kernel : Kernel
         The kernel's form; training finds its hyperparameters and ignores their values here.
     p_norm_min : float or None
         Learn only from observations of at least this quality (Sect. 3.4.1); None for all.
     source : str
-        Where in the paper it is defined.
+        Where it is defined, for instance in the paper.
     """
 
     name: str
     title: str
-    target: Target
+    target: str
     inputs: tuple[str, ...]
     kernel: Kernel
-    p_norm_min: float | None
-    source: str
+    p_norm_min: float | None = None
+    source: str = ""
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the measured rows that the model learns from and is judged by."""
@@ -59,5 +74,137 @@ class ModelSpecification:
         return measured if self.p_norm_min is None else measured.with_quality(self.p_norm_min)
 
     def data(self, table: ObservationTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (n, d) inputs and (n,) targets of a table's rows, all of them."""
-        return table.array(self.inputs), table.array([self.target])[:, 0]
+        """Return (n, d) inputs and (n,) targets of a table's rows, all of them.
+
+        Raises
+        ------
+        ObservationError
+            If a column is missing, or has no value in some row.
+        """
+        table.array((*self.inputs, self.target))  # names a column that is missing
+        inputs = input_array(self.name, table.frame.select(self.inputs))
+        return inputs, input_array(self.name, table.frame.select(self.target))[:, 0]
+
+
+def base_kernel(n_inputs: int) -> Kernel:
+    """Return the form k_RQ · k_CP,min · k_CP,max (Eq. 9).
+
+    Parameters
+    ----------
+    n_inputs : int
+        How many inputs it reads; the first is i_avg.
+    """
+    return (
+        RationalQuadratic(
+            variance=1.0,
+            length_scales=(1.0,) * n_inputs,
+            alpha=1.0,
+            dims=tuple(range(n_inputs)),
+        )
+        * ChangePoint(dim=0, minimum=I_AVG_MIN)
+        * ChangePoint(dim=0, maximum=I_AVG_MAX)
+    )
+
+
+def _quality_model(name: str, inputs: tuple[str, ...], source: str) -> ModelSpecification:
+    return ModelSpecification(
+        name=name,
+        title=f"quality, {len(inputs)}D",
+        target="p_norm",
+        inputs=inputs,
+        kernel=base_kernel(len(inputs)),
+        p_norm_min=None,
+        source=source,
+    )
+
+
+QUALITY_MODELS = (
+    _quality_model("q_k1", ("i_avg",), "Sect. 3.3.4, Eq. 11"),
+    _quality_model("q_k2", ("i_avg", "z_mm"), "Sect. 3.3.5, Eq. 14"),
+    _quality_model("q_k3", ("i_avg", "z_mm", "x_mm"), "Sect. 3.3.5"),
+    _quality_model("q_k4", ("i_avg", "z_mm", "x_mm", "y_mm"), "Sect. 3.3.6, Eq. 15"),
+    _quality_model("q_k6", ("i_avg", "z_mm", "x_mm", "y_mm", "w_deg", "p_deg"), "Sect. 3.3.7"),
+)
+
+
+_BRIGHTNESS = ("i_avg",)
+_POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
+
+
+def isotropic_kernel(n_inputs: int) -> Kernel:
+    """Return the form of the exponential kernel (Eq. 18): one length scale for all inputs."""
+    return Exponential(variance=1.0, length_scales=(1.0,), dims=tuple(range(n_inputs)))
+
+
+def ard_kernel(n_inputs: int) -> Kernel:
+    """Return the exponential kernel with a length scale for each input (ᵉk₆*, Sect. 3.4.8)."""
+    dims = tuple(range(n_inputs))
+    return Exponential(variance=1.0, length_scales=(1.0,) * n_inputs, dims=dims)
+
+
+def product_kernel(n_inputs: int) -> Kernel:
+    """Return the product of a kernel on i_avg and one on the pose (Eq. 21).
+
+    Only the product of the two variances matters, so that of the pose is kept at 1.
+    """
+    brightness = Exponential(variance=1.0, length_scales=(1.0,), dims=(0,))
+    pose = Exponential(
+        variance=1.0,
+        length_scales=(1.0,) * (n_inputs - 1),
+        dims=tuple(range(1, n_inputs)),
+        fixed=("variance",),
+    )
+    return brightness * pose
+
+
+def linear_kernel(n_inputs: int) -> Kernel:
+    """Return the linear kernel with a variance for each input (ᵉk₆ˡⁱⁿ, Sect. 3.4.9)."""
+    return Linear(variances=(1.0,) * n_inputs, dims=tuple(range(n_inputs)))
+
+
+def _exposure_model(
+    name: str, title: str, inputs: tuple[str, ...], kernel: Callable[[int], Kernel], source: str
+) -> ModelSpecification:
+    return ModelSpecification(
+        name=name,
+        title=f"exposure time, {title}",
+        target="exposure_ms",
+        inputs=inputs,
+        kernel=kernel(len(inputs)),
+        p_norm_min=P_NORM_MIN,
+        source=source,
+    )
+
+
+_SIX = _BRIGHTNESS + _POSE
+
+EXPOSURE_TIME_MODELS = (
+    _exposure_model("e_k1", "1D", _BRIGHTNESS, isotropic_kernel, "Sect. 3.4.5, Eq. 19"),
+    _exposure_model("e_k2", "2D", ("i_avg", "z_mm"), isotropic_kernel, "Sect. 3.4.6"),
+    _exposure_model("e_k3", "3D", ("i_avg", "z_mm", "x_mm"), isotropic_kernel, "Sect. 3.4.6"),
+    _exposure_model(
+        "e_k4", "4D", ("i_avg", "z_mm", "x_mm", "y_mm"), isotropic_kernel, "Sect. 3.4.7"
+    ),
+    _exposure_model("e_k6_plus", "6D", _SIX, isotropic_kernel, "Sect. 3.4.8, Eq. 20"),
+    _exposure_model("e_k6_star", "6D ARD", _SIX, ard_kernel, "Sect. 3.4.8"),
+    _exposure_model("e_k6", "6D product", _SIX, product_kernel, "Sect. 3.4.8, Eq. 21"),
+    _exposure_model("e_k6_lin", "6D linear", _SIX, linear_kernel, "Sect. 3.4.9"),
+)
+
+MODELS = (*QUALITY_MODELS, *EXPOSURE_TIME_MODELS)
+"""Every model of the paper's Tables 2 and 3, in their order."""
+
+
+def model_named(name: str) -> ModelSpecification:
+    """Return the paper's model of this name.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists them.
+    """
+    names = [specification.name for specification in MODELS]
+    if name not in names:
+        msg = f"no model '{name}'; expected one of {', '.join(names)}{did_you_mean(name, names)}"
+        raise InputError(msg)
+    return MODELS[names.index(name)]

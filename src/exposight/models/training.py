@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight import __version__
 from exposight.errors import InputError, ObservationError
 from exposight.gp import fit
-from exposight.models.quality import I_AVG_MAX, I_AVG_MIN
-from exposight.models.trained_model import FitSummary, Provenance, TrainedModel, usable_rows
+from exposight.models.evaluation import check_rows
+from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
+from exposight.models.predictor import Provenance
+from exposight.models.specification import I_AVG_MAX, I_AVG_MIN
 from exposight.workers import DaskCluster, LocalProcesses, Progress, Workers, ignore_progress
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Training:
         parameters = len(self.specification.kernel.free_parameters)
         return float(len(self.table)) ** 3 * parameters
 
-    def run(self, progress: Progress = ignore_progress) -> TrainedModel:
+    def run(self, progress: Progress = ignore_progress) -> GaussianProcessModel:
         """Train the model (`train`)."""
         return train(
             self.specification,
@@ -69,7 +70,7 @@ def run_trainings(
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
-) -> Generator[tuple[Training, TrainedModel]]:
+) -> Generator[tuple[Training, GaussianProcessModel]]:
     """Train models in parallel, the longest first, and yield each as soon as it is trained.
 
     The models are the same for any number of workers, here or on a cluster. Close the generator
@@ -127,7 +128,7 @@ def train_all(
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
-) -> tuple[TrainedModel, ...]:
+) -> tuple[GaussianProcessModel, ...]:
     """Train several models on one table, in parallel.
 
     Parameters
@@ -141,7 +142,7 @@ def train_all(
 
     Returns
     -------
-    tuple of TrainedModel
+    tuple of GaussianProcessModel
         In the order of `specifications`.
 
     Raises
@@ -178,7 +179,7 @@ def train(
     sensor: ActiveSensor | None = None,
     restarts: int = 3,
     progress: Progress = ignore_progress,
-) -> TrainedModel:
+) -> GaussianProcessModel:
     """Train one of the paper's models.
 
     Parameters
@@ -203,7 +204,7 @@ def train(
 
     Returns
     -------
-    TrainedModel
+    GaussianProcessModel
 
     Raises
     ------
@@ -213,7 +214,8 @@ def train(
         If no start of the optimiser gave a valid model.
     """
     stage = f"training {specification.name}"
-    rows = usable_rows(specification, table, "train")
+    rows = specification.rows(table)
+    check_rows(specification.name, "train", rows, table, specification.p_norm_min)
     x, y = specification.data(rows)
     if specification.kernel.gate(x).all():  # else told without the column's name
         grey = x[:, specification.inputs.index("i_avg")]
@@ -236,8 +238,13 @@ def train(
         restarts=restarts,
         progress=lambda _, done, total: progress(stage, done, total),
     )
-    return TrainedModel(
-        specification=specification,
+    return GaussianProcessModel(
+        name=specification.name,
+        title=specification.title,
+        target=specification.target,
+        inputs=specification.inputs,
+        p_norm_min=specification.p_norm_min,
+        source=specification.source,
         process=result.process,
         summary=FitSummary(
             log_marginal_likelihood=result.log_marginal_likelihood,
@@ -247,12 +254,6 @@ def train(
             parameters_at_bound=result.parameters_at_bound,
             seconds=result.seconds,
         ),
-        provenance=Provenance(
-            observations=source,
-            observations_sha256=source_sha256,
-            emulated=bool(rows.frame["emulated"].any()),
-            seed=seed,
-            exposight_version=__version__,
-        ),
+        provenance=Provenance.of(rows, source=source, sha256=source_sha256, seed=seed),
         sensor=sensor,
     )

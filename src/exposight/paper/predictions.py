@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exposight.errors import InputError, ObservationError
 from exposight.models import P_NORM_MIN
 from exposight.paper.observed_curves import ObservedCurve, observed_curves
-from exposight.statistics import inside_box
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel
     from exposight.observing import ObservationTable
     from exposight.paper.results import SensorKind
 
@@ -76,7 +77,7 @@ class BestAndWorst:
     """
 
     variant: str
-    target: Literal["p_norm", "exposure_ms"]
+    target: str
     dataset: str
     judged: int
     best: tuple[PredictedCurve, ...]
@@ -85,7 +86,7 @@ class BestAndWorst:
 
 def best_and_worst(
     variant: str,
-    model: TrainedModel,
+    model: GaussianProcessModel,
     dataset: str,
     table: ObservationTable,
     *,
@@ -98,7 +99,7 @@ def best_and_worst(
     ----------
     variant, dataset : str
         Names, kept.
-    model : TrainedModel
+    model : GaussianProcessModel
         Predicts from i_avg, its first input, and the pose.
     table : ObservationTable
         Observations of unseen features; rows that the model is not judged by are left out.
@@ -137,14 +138,14 @@ def best_and_worst(
     )
 
 
-def _predicted(model: TrainedModel, curve: ObservedCurve) -> PredictedCurve:
+def _predicted(model: GaussianProcessModel, curve: ObservedCurve) -> PredictedCurve:
     low, high = (0.0, 255.0)
-    if model.specification.target == "exposure_ms":
-        low, high = model.training_range()["i_avg"]
+    if model.target == "exposure_ms":
+        low, high = model.training_range["i_avg"]
     grey = np.linspace(low, high, _SAMPLES)
-    drawn = model.predict(_inputs(model, curve, grey))
+    drawn = model.predict(**_inputs(model, curve, grey))
     inputs = _inputs(model, curve, curve.i_avg)
-    judged = model.predict(inputs)
+    judged = model.predict(**inputs)
     error = np.abs(_target(model, curve) - judged.mean)
     return PredictedCurve(
         observed=curve,
@@ -157,14 +158,14 @@ def _predicted(model: TrainedModel, curve: ObservedCurve) -> PredictedCurve:
     )
 
 
-def _target(model: TrainedModel, curve: ObservedCurve) -> NDArray[np.float64]:
-    return curve.p_norm if model.specification.target == "p_norm" else curve.exposure_ms
+def _target(model: GaussianProcessModel, curve: ObservedCurve) -> NDArray[np.float64]:
+    return curve.p_norm if model.target == "p_norm" else curve.exposure_ms
 
 
 def _inputs(
-    model: TrainedModel, curve: ObservedCurve, grey: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return a model's inputs for one pose and several grey levels."""
+    model: GaussianProcessModel, curve: ObservedCurve, grey: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return a model's inputs by name for one pose and several grey levels."""
     constant = {
         "x_mm": curve.x_mm,
         "y_mm": curve.y_mm,
@@ -172,32 +173,34 @@ def _inputs(
         "w_deg": curve.w_deg,
         "p_deg": curve.p_deg,
     }
-    columns = [
-        grey if name == "i_avg" else np.full_like(grey, constant[name])
-        for name in model.specification.inputs
-    ]
-    return np.stack(columns, axis=1)
+    return {
+        name: grey if name == "i_avg" else np.full_like(grey, constant[name])
+        for name in model.inputs
+    }
 
 
-def inside_training_poses(model: TrainedModel, inputs: NDArray[np.float64]) -> NDArray[np.bool_]:
+def inside_training_poses(
+    model: GaussianProcessModel, inputs: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.bool_]:
     """Tell which inputs' poses lie inside the box of the training poses, whatever their i_avg.
 
     Parameters
     ----------
-    model : TrainedModel
+    model : GaussianProcessModel
         Its training rows span the box.
-    inputs : (n, d) ndarray
-        Rows of the model's inputs, in their units.
+    inputs : mapping of str to (n,) ndarray
+        The model's inputs by name, in their units.
 
     Returns
     -------
     (n,) ndarray of bool
         True everywhere for a model that reads no pose.
     """
-    pose = [i for i, name in enumerate(model.specification.inputs) if name != "i_avg"]
-    if not pose:
-        return np.ones(len(inputs), dtype=np.bool_)
-    return inside_box(model.process.x[:, pose], inputs[:, pose])
+    inside = np.ones(len(inputs["i_avg"]), dtype=np.bool_)
+    for name, (low, high) in model.training_range.items():
+        if name != "i_avg":
+            inside &= (low <= inputs[name]) & (inputs[name] <= high)
+    return inside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,8 +261,8 @@ class CaptureForecast:
 
 
 def capture_forecast(
-    quality: tuple[str, TrainedModel],
-    exposure: tuple[str, TrainedModel],
+    quality: tuple[str, GaussianProcessModel],
+    exposure: tuple[str, GaussianProcessModel],
     table: ObservationTable,
     *,
     exposure_near_ms: float = 27.0,
@@ -268,7 +271,7 @@ def capture_forecast(
 
     Parameters
     ----------
-    quality, exposure : (str, TrainedModel)
+    quality, exposure : (str, GaussianProcessModel)
         Names and models.
     table : ObservationTable
         Unseen features.
@@ -298,10 +301,10 @@ def capture_forecast(
 
 
 def _forecasts(
-    quality: TrainedModel, exposure: TrainedModel, rows: ObservationTable
+    quality: GaussianProcessModel, exposure: GaussianProcessModel, rows: ObservationTable
 ) -> list[FeatureForecast]:
     """Predict for each row, by the features' names."""
-    q, e = quality.predict_table(rows), exposure.predict_table(rows)
+    q, e = quality.predict(rows), exposure.predict(rows)
     inside = _pose_inside(quality, rows) & _pose_inside(exposure, rows)
     values = rows.array(["x_mm", "y_mm", "z_mm", "radius_mm", "i_avg", "p_norm"])
     features = [
@@ -343,8 +346,9 @@ def _captures(table: ObservationTable) -> Counter[tuple[str, float]]:
     return Counter(zip(table.names("view").tolist(), exposures, strict=True))
 
 
-def _pose_inside(model: TrainedModel, rows: ObservationTable) -> NDArray[np.bool_]:
-    return inside_training_poses(model, rows.array(model.specification.inputs))
+def _pose_inside(model: GaussianProcessModel, rows: ObservationTable) -> NDArray[np.bool_]:
+    inputs = dict(zip(model.inputs, rows.array(model.inputs).T, strict=True))
+    return inside_training_poses(model, inputs)
 
 
 DEPTHS_MM = (-150.0, 0.0, 150.0)
@@ -386,7 +390,7 @@ class PredictionSurfaces:
     """
 
     variant: str
-    target: Literal["p_norm", "exposure_ms"]
+    target: str
     sensor: SensorKind
     x_mm: NDArray[np.float64]
     y_mm: NDArray[np.float64]
@@ -398,7 +402,7 @@ class PredictionSurfaces:
 
 
 def prediction_surfaces(
-    variant: str, model: TrainedModel, sensor: SensorKind
+    variant: str, model: GaussianProcessModel, sensor: SensorKind
 ) -> PredictionSurfaces:
     """Ask a model over the x-y plane; the sensor squarely faces the feature (w = p = 0).
 
@@ -408,7 +412,7 @@ def prediction_surfaces(
         The model's name, kept.
     sensor : {'structured-light', 'stereo'}
         Which sensor's, kept.
-    model : TrainedModel
+    model : GaussianProcessModel
         Reads i_avg and at least x, y, z.
 
     Raises
@@ -416,25 +420,24 @@ def prediction_surfaces(
     InputError
         If the model does not read the position.
     """
-    names = model.specification.inputs
+    names = model.inputs
     missing = [name for name in ("i_avg", "x_mm", "y_mm", "z_mm") if name not in names]
     if missing:
         msg = (
             f"surfaces over x and y need a model that reads {', '.join(missing)}; "
-            f"{model.specification.name} reads {', '.join(names)}"
+            f"{model.name} reads {', '.join(names)}"
         )
         raise InputError(msg)
-    ranges = model.training_range()
+    ranges = model.training_range
     x, y = (np.linspace(*ranges[name], _GRID) for name in ("x_mm", "y_mm"))
     z, grey = np.array(DEPTHS_MM), np.array(GREY_LEVELS)
     i_grid, z_grid, y_grid, x_grid = np.meshgrid(grey, z, y, x, indexing="ij")
     grids = {"i_avg": i_grid, "z_mm": z_grid, "y_mm": y_grid, "x_mm": x_grid}
     square = np.zeros_like(i_grid)  # the w and p of a squarely facing sensor
-    inputs = np.stack([grids.get(name, square).ravel() for name in names], axis=1)
-    prediction = model.predict(inputs)
+    prediction = model.predict(**{name: grids.get(name, square).ravel() for name in names})
     return PredictionSurfaces(
         variant=variant,
-        target=model.specification.target,
+        target=model.target,
         sensor=sensor,
         x_mm=x,
         y_mm=y,
@@ -446,9 +449,8 @@ def prediction_surfaces(
     )
 
 
-def _near(model: TrainedModel, depth_mm: float) -> NDArray[np.float64]:
-    names = model.specification.inputs
-    x, y, z = (model.process.x[:, names.index(name)] for name in ("x_mm", "y_mm", "z_mm"))
+def _near(model: GaussianProcessModel, depth_mm: float) -> NDArray[np.float64]:
+    x, y, z = (model.training_data[name] for name in ("x_mm", "y_mm", "z_mm"))
     near = np.abs(z - depth_mm) <= _NEAR_MM
     places = np.stack([x[near], y[near]], axis=1).reshape(-1, 2)
     return np.unique(np.round(places, 1), axis=0)

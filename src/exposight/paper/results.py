@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from exposight.models import Evaluation, ModelSpecification, TrainedModel
+    from exposight.models import Evaluation, GaussianProcessModel, ModelSpecification
     from exposight.observing import ObservationTable
     from exposight.statistics import RegressionScore
 
@@ -221,7 +221,7 @@ class TrainedVariant:
     ----------
     variant : Variant
         What it is.
-    model : TrainedModel
+    model : GaussianProcessModel
         Trained on the random split's training side.
     path : Path
         The model's file, below the study's folder.
@@ -230,7 +230,7 @@ class TrainedVariant:
     """
 
     variant: Variant
-    model: TrainedModel
+    model: GaussianProcessModel
     path: Path
     scores: tuple[Score, ...]
 

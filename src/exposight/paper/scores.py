@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exposight.errors import ObservationError
-from exposight.gp import GaussianProcess
-from exposight.models import Evaluation, TrainedModel, evaluate
+from exposight.models import Evaluation, GaussianProcessModel, evaluate
 from exposight.paper.datasets import inside_range
 from exposight.paper.results import Score
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def score_variant(
-    variant: Variant, model: TrainedModel, datasets: Mapping[str, Dataset]
+    variant: Variant, model: GaussianProcessModel, datasets: Mapping[str, Dataset]
 ) -> tuple[Score, ...]:
     """Judge a trained variant by all its lines.
 
@@ -29,7 +27,7 @@ def score_variant(
     ----------
     variant : Variant
         What it is.
-    model : TrainedModel
+    model : GaussianProcessModel
         Trained on ``datasets[variant.dataset].train``.
     datasets : mapping of str to Dataset
         All datasets by name.
@@ -41,7 +39,7 @@ def score_variant(
     """
     own = datasets[variant.dataset]
     train = _known(own.train, own)
-    by_view: TrainedModel | None = None
+    by_view: GaussianProcessModel | None = None
     scores = []
     for line in variant.evaluations:
         judged = model
@@ -55,7 +53,7 @@ def score_variant(
 
 
 def score_on(
-    variant: str, line: EvaluationSet, model: TrainedModel, rows: ObservationTable
+    variant: str, line: EvaluationSet, model: GaussianProcessModel, rows: ObservationTable
 ) -> Score:
     """Judge a model by rows.
 
@@ -65,7 +63,7 @@ def score_on(
         Its name.
     line : EvaluationSet
         What the rows are.
-    model : TrainedModel
+    model : GaussianProcessModel
         To be judged.
     rows : ObservationTable
         Of them, those that are of the model's kind are used (`ModelSpecification.rows`).
@@ -89,7 +87,7 @@ def score_on(
     )
 
 
-def reconditioned(model: TrainedModel, rows: ObservationTable) -> TrainedModel:
+def reconditioned(model: GaussianProcessModel, rows: ObservationTable) -> GaussianProcessModel:
     """Return a model with the same hyperparameters that has learnt from other rows.
 
     Used for the split by view: which rows train changes what a model knows, while the handful of
@@ -97,16 +95,12 @@ def reconditioned(model: TrainedModel, rows: ObservationTable) -> TrainedModel:
 
     Parameters
     ----------
-    model : TrainedModel
+    model : GaussianProcessModel
         Whose hyperparameters to take.
     rows : ObservationTable
         To learn from.
     """
-    specification, process = model.specification, model.process
-    x, y = specification.data(specification.rows(rows))
-    return replace(
-        model, process=GaussianProcess.condition(process.kernel, process.noise_variance, x, y)
-    )
+    return model.with_training_rows(rows)
 
 
 def _rows(
@@ -139,7 +133,7 @@ def _known(table: ObservationTable | None, dataset: Dataset) -> ObservationTable
 
 def _relative_error_percent(result: Evaluation) -> float | None:
     """Mean of |predicted − true| / true in percent, for exposure times, which are above 0."""
-    if result.specification.target != "exposure_ms":
+    if result.model.target != "exposure_ms":
         return None
     error = np.abs(result.prediction.mean - result.observed) / result.observed
     return float(100.0 * error.mean())

@@ -129,9 +129,7 @@ def _more_features_gain(evidence: Evidence, _: SensorKind) -> float | None:
     if len(inside) == 0:
         return None
     errors = (
-        rmse(
-            trained.variant.specification.data(inside)[1], trained.model.predict_table(inside).mean
-        )
+        rmse(trained.variant.specification.data(inside)[1], trained.model.predict(inside).mean)
         for trained in (four, nine)
     )
     return next(errors) / next(errors)
@@ -152,11 +150,8 @@ def _left_over_right(evidence: Evidence, _: SensorKind) -> float | None:
     values = {"i_avg": 75.0, "z_mm": 0.0, "w_deg": 0.0, "p_deg": 0.0}
 
     def mean_ms(x_mm: float) -> float:
-        places = ({**values, "x_mm": x_mm, "y_mm": y} for y in (-100.0, 0.0, 100.0))
-        inputs = [
-            [place[name] for name in trained.variant.specification.inputs] for place in places
-        ]
-        return float(trained.model.predict(inputs).mean.mean())
+        prediction = trained.model.predict(**values, x_mm=x_mm, y_mm=np.array([-100.0, 0.0, 100.0]))
+        return float(prediction.mean.mean())
 
     return mean_ms(-150.0) / mean_ms(150.0)
 

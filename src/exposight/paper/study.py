@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from exposight.cell import ActiveSensor
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel
     from exposight.workers import Progress
 
 
@@ -249,7 +249,7 @@ def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> Kep
 
 
 def _learning_curve(
-    trained: TrainedVariant, role: str, models: list[TrainedModel]
+    trained: TrainedVariant, role: str, models: list[GaussianProcessModel]
 ) -> LearningCurve:
     whole = next(own for own in trained.scores if own.evaluation.role == role)
     steps = []
@@ -259,8 +259,8 @@ def _learning_curve(
                 trained.variant.name, whole.evaluation, model, whole.result.table
             ).score
             if score is not None:
-                steps.append(LearningStep(n_train=len(model.process.y), score=score))
-        steps.append(LearningStep(n_train=len(trained.model.process.y), score=whole.score))
+                steps.append(LearningStep(n_train=model.n_observations, score=score))
+        steps.append(LearningStep(n_train=trained.model.n_observations, score=whole.score))
     return LearningCurve(
         variant=trained.variant.name,
         dataset=whole.evaluation.dataset,

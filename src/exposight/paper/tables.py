@@ -27,8 +27,7 @@ from exposight.paper.results import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from exposight.gp import Parameter
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel, Hyperparameter
     from exposight.paper.results import Score
 
 
@@ -79,7 +78,7 @@ def _score_row(trained: TrainedVariant, score: Score) -> ScoreRow:
         variant=variant.name,
         variant_title=variant.title,
         trained_on=variant.dataset,
-        n_train=len(trained.model.process.y),
+        n_train=trained.model.n_observations,
         dataset=line.paper_dataset,
         role=line.role,
         features=line.paper_features,
@@ -110,13 +109,12 @@ def hyperparameter_rows(trained: TrainedVariant) -> tuple[HyperparameterRow, ...
     Length scales of rational quadratic kernels are GPy's, ℓ √α, as in the paper.
     """
     model, variant = trained.model, trained.variant
-    alpha = next(
-        (own.value for own in model.process.kernel.parameters if own.quantity == "alpha"), None
-    )
+    *parameters, noise_variance = model.hyperparameters()
+    alpha = next((each.value for each in parameters if each.quantity == "alpha"), None)
     rows = [
-        _hyperparameter_row(variant.name, own, model, alpha)
-        for own in model.process.kernel.parameters
-        if own.free
+        _hyperparameter_row(variant.name, each, model, alpha)
+        for each in parameters
+        if each.remark != "fixed"
     ]
     target = "ms" if variant.unit == "ms" else ""
     noise = HyperparameterRow(
@@ -125,22 +123,21 @@ def hyperparameter_rows(trained: TrainedVariant) -> tuple[HyperparameterRow, ...
         symbol=_SYMBOLS["noise_variance"],
         input="",
         unit=f"{target}²" if target else "",
-        value=model.process.noise_variance,
+        value=noise_variance.value,
         paper_value=published_hyperparameters().get((variant.name, "noise_variance", "")),
-        at_bound="noise_variance" in model.summary.parameters_at_bound,
+        at_bound=noise_variance.remark == "at limit",
     )
     return (*rows, noise)
 
 
 def _hyperparameter_row(
-    variant: str, own: Parameter, model: TrainedModel, alpha: float | None
+    variant: str, own: Hyperparameter, model: GaussianProcessModel, alpha: float | None
 ) -> HyperparameterRow:
-    quantity = own.quantity.value
-    inputs = model.specification.inputs
-    target = "ms" if model.specification.target == "exposure_ms" else ""
+    quantity = own.quantity
+    target = "ms" if model.target == "exposure_ms" else ""
     name, unit, value = "", "", own.value
     if quantity in {"length_scale", "slope_variance"}:
-        name = inputs[own.dims[0]] if len(own.dims) == 1 else "all"
+        name = own.inputs[0] if len(own.inputs) == 1 else "all"
         # One length scale of several inputs serves mm, degrees and grey levels at once.
         unit = "mixed" if name == "all" else _UNITS[name.rsplit("_", 1)[1]]
     match quantity:
@@ -158,7 +155,7 @@ def _hyperparameter_row(
         unit=unit,
         value=value,
         paper_value=published_hyperparameters().get((variant, quantity, name)),
-        at_bound=own.name in model.summary.parameters_at_bound,
+        at_bound=own.remark == "at limit",
     )
 
 

@@ -17,12 +17,18 @@ from typing import TYPE_CHECKING
 
 from exposight import __version__
 from exposight.errors import FileError
-from exposight.models import MODEL_SUFFIX, Training, load_model, run_trainings, save_model
+from exposight.models import (
+    MODEL_SUFFIX,
+    GaussianProcessModel,
+    Training,
+    load_model,
+    run_trainings,
+    save_model,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from exposight.models import TrainedModel
     from exposight.observing import ObservationTable
     from exposight.workers import Progress
 
@@ -71,7 +77,7 @@ def train_or_read(
     *,
     workers: int,
     progress: Progress,
-) -> tuple[TrainedModel, ...]:
+) -> tuple[GaussianProcessModel, ...]:
     """Train models, or take those that an earlier run trained.
 
     Parameters
@@ -87,7 +93,7 @@ def train_or_read(
 
     Returns
     -------
-    tuple of TrainedModel
+    tuple of GaussianProcessModel
         In the order of `trainings`, always as read from their files.
 
     Raises
@@ -113,17 +119,17 @@ def train_or_read(
             done += 1
             progress(_STAGE, done, len(trainings))
     return tuple(
-        load_model(path) if model is None else model
+        load_model(path, GaussianProcessModel) if model is None else model
         for path, model in zip(paths, kept, strict=True)
     )
 
 
-def _kept(path: Path) -> TrainedModel | None:
+def _kept(path: Path) -> GaussianProcessModel | None:
     """Return the model that an earlier run kept; a damaged one is trained again."""
     if not path.is_file():
         return None
     try:
-        return load_model(path)
+        return load_model(path, GaussianProcessModel)
     except FileError as error:
         _logger.warning("trained again: %s", error)
         return None

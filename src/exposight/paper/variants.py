@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
-from exposight.models import model_named
-from exposight.models.exposure_time import product_kernel
+from exposight.models import model_named, product_kernel
 from exposight.paper.datasets import OUTSIDE, POSE, POSITION
 from exposight.paper.results import EvaluationSet, SensorKind, Variant
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exposight.models import ModelPrediction, TrainedModel
+    from exposight.models import Prediction, Predictor
     from exposight.observing import FeatureView
 
 WANTED_I_AVG = 80.0
@@ -40,7 +40,7 @@ class Forecast:
         The n features.
     exposures_ms : tuple of float, ms
         The m exposure times.
-    wanted : ModelPrediction
+    wanted : Prediction
         Exposure time in ms at which each feature has the brightness `WANTED_I_AVG`.
     i_avg : (n, m) ndarray, grey levels 0–255
         Brightness to expect.
@@ -52,7 +52,7 @@ class Forecast:
 
     features: tuple[str, ...]
     exposures_ms: tuple[float, ...]
-    wanted: ModelPrediction
+    wanted: Prediction
     i_avg: NDArray[np.float64]
     p_norm: NDArray[np.float64]
     p_norm_std: NDArray[np.float64]
@@ -63,8 +63,8 @@ class Forecast:
 
 
 def forecast_view(
-    quality: TrainedModel,
-    exposure: TrainedModel,
+    quality: Predictor,
+    exposure: Predictor,
     views: Sequence[FeatureView],
     exposures_ms: Sequence[float],
 ) -> Forecast:
@@ -75,9 +75,9 @@ def forecast_view(
 
     Parameters
     ----------
-    quality : TrainedModel
+    quality : Predictor
         Predicts p_norm from brightness and pose.
-    exposure : TrainedModel
+    exposure : Predictor
         Predicts the exposure time in ms from brightness and pose.
     views : sequence of FeatureView
         The features that the view sees.
@@ -95,7 +95,7 @@ def forecast_view(
             f"{len(views)} and {len(exposures_ms)}"
         )
         raise InputError(msg)
-    wanted = exposure.predict(_inputs(exposure, views, np.full((len(views), 1), WANTED_I_AVG)))
+    wanted = exposure.predict(**_columns(exposure, views, np.full((len(views), 1), WANTED_I_AVG)))
     times_ms = np.asarray(exposures_ms, dtype=np.float64)
     shortest_ms = float(times_ms.min()) / 10  # the normal distribution knows no least time
     nodes_ms = np.maximum(wanted.mean[:, None] + wanted.std[:, None] * _NODES, shortest_ms)
@@ -104,7 +104,7 @@ def forecast_view(
     )  # (features, times, nodes)
     weights = _WEIGHTS / _WEIGHTS.sum()
     flat = brightness.reshape(len(views), -1)
-    predicted = quality.predict(_inputs(quality, views, flat))
+    predicted = quality.predict(**_columns(quality, views, flat))
     mean, std = (own.reshape(brightness.shape) for own in (predicted.mean, predicted.std))
     p_norm = mean @ weights
     variance = (std**2 + mean**2) @ weights - p_norm**2
@@ -118,19 +118,20 @@ def forecast_view(
     )
 
 
-def _inputs(
-    model: TrainedModel, views: Sequence[FeatureView], i_avg: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return (n·k, d) inputs of a model for n views at (n, k) brightnesses, view by view."""
-    rows = []
-    for view, levels in zip(views, i_avg, strict=True):
-        x_mm, y_mm, z_mm = view.tcp_from_feature.translation_mm.tolist()
-        pose = {
-            "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "w_deg": view.w_deg, "p_deg": view.p_deg,
-        }  # fmt: skip
-        columns = [
-            levels if name == "i_avg" else np.full(levels.size, pose[name])
-            for name in model.specification.inputs
-        ]
-        rows.append(np.stack(columns, axis=1))
-    return np.concatenate(rows)
+def _columns(
+    model: Predictor, views: Sequence[FeatureView], i_avg: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return a model's inputs by name for n views at (n, k) brightnesses, view by view."""
+    poses = [view.tcp_from_feature.translation_mm.tolist() for view in views]
+    x_mm, y_mm, z_mm = np.array(poses).T
+    known = {
+        "x_mm": x_mm,
+        "y_mm": y_mm,
+        "z_mm": z_mm,
+        "w_deg": np.array([view.w_deg for view in views]),
+        "p_deg": np.array([view.p_deg for view in views]),
+    }
+    return {
+        name: i_avg.ravel() if name == "i_avg" else np.repeat(known[name], i_avg.shape[1])
+        for name in model.inputs
+    }

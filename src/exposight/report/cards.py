@@ -80,7 +80,7 @@ def _exposure_key(result: ModelResult, meaning: str) -> Key:
     return Key(
         value=exact(rmse, number(rmse)),
         unit="ms",
-        meaning=f"{model_name(result.model.specification.name)}, {meaning}",
+        meaning=f"{model_name(result.model.name)}, {meaning}",
     )
 
 

@@ -66,7 +66,7 @@ def prediction_figure(number_: int, result: DemoResult, target: str) -> str:
     if not results:
         return ""
     style = _TARGETS[target]
-    names = [own.model.specification.name for own in results]
+    names = [own.model.name for own in results]
     chosen = style.preferred if style.preferred in names else names[-1]
     place = f"predicted-{target}"
     menu = choices(
@@ -99,7 +99,7 @@ def _drawing(results: tuple[ModelResult, ...], style: _Target, chosen: str) -> g
         hoverinfo="skip",
     )
     for own in results:
-        name = own.model.specification.name
+        name = own.model.name
         for inside in (True, False):
             _add_points(drawing, own.unseen, style, name, inside=inside, shown=name == chosen)
     drawing.update_layout(

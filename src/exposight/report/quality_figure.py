@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from exposight.demo import DemoResult
-    from exposight.models import TrainedModel
+    from exposight.models import GaussianProcessModel
     from exposight.observing import ObservationTable
 
 
@@ -58,8 +58,8 @@ def quality_figure(number_: int, result: DemoResult) -> str:
     return figure(number_, plot("quality", drawing), caption)
 
 
-def _add_band(drawing: go.Figure, model: TrainedModel) -> None:
-    prediction = model.predict(_GRID[:, None])
+def _add_band(drawing: go.Figure, model: GaussianProcessModel) -> None:
+    prediction = model.predict(i_avg=_GRID)
     edge = {"x": _GRID, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
     low, high = prediction.mean - 2 * prediction.std, prediction.mean + 2 * prediction.std
     drawing.add_scatter(**edge, y=high, showlegend=False, legendgroup="band")
@@ -73,10 +73,10 @@ def _add_band(drawing: go.Figure, model: TrainedModel) -> None:
     )
 
 
-def _add_mean(drawing: go.Figure, model: TrainedModel) -> None:
+def _add_mean(drawing: go.Figure, model: GaussianProcessModel) -> None:
     drawing.add_scatter(
         x=_GRID,
-        y=model.predict(_GRID[:, None]).mean,
+        y=model.predict(i_avg=_GRID).mean,
         mode="lines",
         line={"color": ACCENT, "width": 3},
         name=f"{model_name(_MODEL)} mean",

@@ -15,9 +15,9 @@ def exposures_ms(result: DemoResult) -> tuple[float, ...]:
 
 def model_results(result: DemoResult, target: str) -> tuple[ModelResult, ...]:
     """Return the results of all models that predict ``p_norm`` or ``exposure_ms``."""
-    return tuple(own for own in result.results if own.model.specification.target == target)
+    return tuple(own for own in result.results if own.model.target == target)
 
 
 def named_result(result: DemoResult, name: str) -> ModelResult | None:
     """Return the result of the model of this name, if it was trained."""
-    return next((own for own in result.results if own.model.specification.name == name), None)
+    return next((own for own in result.results if own.model.name == name), None)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from exposight.gp import Quantity
-from exposight.models import UNITS
 from exposight.report.markup import (
     Heading,
     count_cell,
@@ -23,13 +21,8 @@ from exposight.report.selection import model_results
 
 if TYPE_CHECKING:
     from exposight.demo import DemoResult, ModelResult
-    from exposight.gp import Parameter
-    from exposight.models import ModelSpecification
+    from exposight.models import Hyperparameter, ModelSpecification
     from exposight.statistics import RegressionScore
-
-
-_NOISE = "noise_variance"
-_SHORT_UNITS = {"i_avg": "grey levels", "p_norm": ""}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +70,7 @@ def hyperparameter_table(result: DemoResult) -> str:
     )
     rows = [
         [
-            model_code(own.model.specification.name),
+            model_code(own.model.name),
             _hyperparameters(own),
             exact(own.model.summary.log_marginal_likelihood),
             count_cell(own.model.summary.starts),
@@ -116,7 +109,7 @@ def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...])
                 model_code(specification.name),
                 escape(_form(specification)),
                 ", ".join(column_name(name) for name in specification.inputs),
-                count_cell(len(own.model.process.y)),
+                count_cell(own.model.n_observations),
                 *_score_cells(style, own.unseen.score),
                 *(_inside_cells(style, inside) if inside else ("0", "–", "–")),
             ]
@@ -130,10 +123,7 @@ def _unseen_table(target: str, style: _Target, results: tuple[ModelResult, ...])
 
 def _known_table(target: str, style: _Target, results: tuple[ModelResult, ...]) -> str:
     headings = (Heading(text="model"), *_score_headings(style, "features that trained"))
-    rows = [
-        [model_code(own.model.specification.name), *_score_cells(style, own.known.score)]
-        for own in results
-    ]
+    rows = [[model_code(own.model.name), *_score_cells(style, own.known.score)] for own in results]
     caption = (
         f"<b>{style.title} on the observations that trained them.</b> A Gaussian process can pass "
         "through its training data; only unseen features tell how good it is."
@@ -175,21 +165,13 @@ def _inside_cells(style: _Target, score: RegressionScore) -> tuple[str, ...]:
 
 
 def _hyperparameters(result: ModelResult) -> str:
-    model = result.model
-    at_bound = model.summary.parameters_at_bound
-    items = [
+    return " ".join(
         _hyperparameter(
-            _symbol(own, model.specification),
-            own.value,
-            _unit(own, model.specification),
-            " <b>†</b>" if own.name in at_bound else "",
+            _symbol(each), each.value, each.unit, " <b>†</b>" if each.remark == "at limit" else ""
         )
-        for own in model.process.kernel.free_parameters
-    ]
-    noise_unit = _squared(model.specification.target)
-    note = " <b>†</b>" if _NOISE in at_bound else ""
-    items.append(_hyperparameter("σ²<sub>n</sub>", model.process.noise_variance, noise_unit, note))
-    return " ".join(items)
+        for each in result.model.hyperparameters()
+        if each.remark != "fixed"
+    )
 
 
 def _hyperparameter(symbol: str, value: float, unit: str, note: str) -> str:
@@ -198,37 +180,13 @@ def _hyperparameter(symbol: str, value: float, unit: str, note: str) -> str:
     )
 
 
-def _symbol(parameter: Parameter, specification: ModelSpecification) -> str:
-    inputs = ", ".join(column_name(specification.inputs[column]) for column in parameter.dims)
+def _symbol(parameter: Hyperparameter) -> str:
+    inputs = ", ".join(map(column_name, parameter.inputs))
     match parameter.quantity:
-        case Quantity.VARIANCE:
-            return "σ²"
-        case Quantity.LENGTH_SCALE:
+        case "variance":
+            return "σ²" if inputs else "σ²<sub>n</sub>"
+        case "length_scale":
             return f"ℓ({inputs})"
-        case Quantity.ALPHA:
-            return "α"
-        case Quantity.SLOPE_VARIANCE:
+        case "slope_variance":
             return f"σ²({inputs})"
-
-
-def _unit(parameter: Parameter, specification: ModelSpecification) -> str:
-    target = _squared(specification.target)
-    units = {_short_unit(specification.inputs[column]) for column in parameter.dims}
-    match parameter.quantity:
-        case Quantity.VARIANCE:
-            return target
-        case Quantity.ALPHA:
-            return ""
-        case Quantity.LENGTH_SCALE:
-            return units.pop() if len(units) == 1 else "in mixed units"
-        case Quantity.SLOPE_VARIANCE:
-            return f"{target or '1'} / ({units.pop()})²"
-
-
-def _squared(target: str) -> str:
-    unit = _short_unit(target)
-    return f"{unit}²" if unit else ""
-
-
-def _short_unit(name: str) -> str:
-    return _SHORT_UNITS.get(name, UNITS[name])
+    return "α"

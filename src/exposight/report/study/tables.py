@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from exposight.models import UNITS
+from exposight.quantities import quantity
 from exposight.report.markup import (
     Heading,
     count_cell,
@@ -51,7 +51,7 @@ _FULL_SCALE = (
     "of full scale."
 )
 _RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-_SHORT_UNITS = {**UNITS, "i_avg": "0–255"}
+_SHORT_UNITS = {**{name: quantity(name).unit for name in _RANGES}, "i_avg": "0–255"}
 
 
 def score_tables(result: StudyResult) -> str:

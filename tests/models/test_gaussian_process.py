@@ -112,71 +112,38 @@ def test_observations_that_a_model_does_not_learn_from_change_nothing(trained, t
 
 @pytest.mark.parametrize("specification", QUALITY_MODELS, ids=lambda model: model.name)
 def test_below_ten_grey_levels_the_quality_is_exactly_zero(trained, specification):
-    model = trained(specification)
-    dark, lit = np.zeros((2, 1, len(specification.inputs)))
-    dark[0, 0], lit[0, 0] = 9.999, 10.0
-    assert model.predict(dark).mean[0] == 0.0
-    assert model.predict(lit).mean[0] != 0.0
+    elsewhere = dict.fromkeys(specification.inputs[1:], 0.0)
+    mean = trained(specification).predict(i_avg=[9.999, 10.0], **elsewhere).mean
+    assert mean[0] == 0.0
+    assert mean[1] != 0.0
 
 
 def test_below_ten_grey_levels_only_the_noise_is_uncertain(trained):
     model = trained(model_named("q_k1"))
     noise_std = np.sqrt(model.process.noise_variance)
-    assert model.predict([[5.0]]).std[0] == pytest.approx(noise_std, rel=1e-12)
+    assert model.predict(i_avg=5.0).std[0] == pytest.approx(noise_std, rel=1e-12)
 
 
 def test_predictions_say_whether_they_lie_inside_the_training_range(trained):
     model = trained(model_named("q_k2"))
-    ranges = model.training_range()
+    ranges = model.training_range
     (i_low, i_high), (z_low, z_high) = ranges["i_avg"], ranges["z_mm"]
-    inputs = [
-        [i_low, z_high],
-        [(i_low + i_high) / 2, (z_low + z_high) / 2],
-        [i_high + 0.01, z_low],
-        [i_high, z_low - 0.01],
-    ]
-    assert model.predict(inputs).inside.tolist() == [True, True, False, False]
+    i_avg = [i_low, (i_low + i_high) / 2, i_low - 0.01, i_high]
+    z_mm = [z_high, (z_low + z_high) / 2, z_low, z_low - 0.01]
+    assert model.predict(i_avg=i_avg, z_mm=z_mm).inside.tolist() == [True, True, False, False]
 
 
 def test_the_training_range_is_that_of_the_rows_it_learnt_from(trained, table):
     model = trained(model_named("e_k2"), table)
     good = table.with_quality(0.75)
-    for name, limits in model.training_range().items():
+    for name, limits in model.training_range.items():
         column = good.array([name])[:, 0]
         assert limits == (column.min(), column.max())
 
 
 def test_far_from_the_data_a_prediction_is_less_certain(trained):
-    model = trained(model_named("e_k1"))
-    near, far = model.predict([[120.0], [2000.0]]).std
+    near, far = trained(model_named("q_k2")).predict(i_avg=120.0, z_mm=[0.0, 2000.0]).std
     assert far > near
-
-
-def test_a_table_is_predicted_like_its_inputs(trained, table):
-    model = trained(model_named("q_k4"))
-    by_table, by_array = (
-        model.predict_table(table),
-        model.predict(table.array(model.specification.inputs)),
-    )
-    np.testing.assert_array_equal(by_table.mean, by_array.mean)
-    np.testing.assert_array_equal(by_table.std, by_array.std)
-
-
-def test_no_input_no_prediction(trained):
-    assert trained(model_named("q_k2")).predict(np.zeros((0, 2))).mean.shape == (0,)
-
-
-@pytest.mark.parametrize(
-    ("inputs", "message"),
-    [
-        ([[100.0]], "must have the 2 columns of the training inputs, got 1"),
-        ([100.0, 0.0], r"must have shape \(observations, dimensions\)"),
-        ([[100.0, np.nan]], "must be finite, got nan in row 0, column 1"),
-    ],
-)
-def test_inputs_of_another_shape_or_without_a_value(trained, inputs, message):
-    with pytest.raises(ObservationError, match=message):
-        trained(model_named("q_k2")).predict(inputs)
 
 
 # -- evaluating ---------------------------------------------------------------------------------
@@ -186,7 +153,7 @@ def test_an_evaluation_scores_the_rows_of_the_models_own_kind(trained, make_tabl
     model, unseen = trained(model_named("e_k1")), make_table(40, seed=9)
     evaluation = evaluate(model, unseen)
     good = unseen.with_quality(0.75)
-    predicted = model.predict(good.array(["i_avg"])).mean
+    predicted = model.predict(good).mean
     observed = good.array(["exposure_ms"])[:, 0]
     assert evaluation.score.n == len(good) < len(unseen)
     assert evaluation.score.r2_percent == pytest.approx(100 * r2(observed, predicted))
