@@ -1,10 +1,20 @@
 """Training many models at once: in parallel, in order, and the same for any number of workers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from exposight.errors import InputError, ObservationError
-from exposight.models import Training, model_named, run_trainings, train_all
+from exposight.models import (
+    Training,
+    load_model,
+    model_named,
+    run_trainings,
+    save_model,
+    train_all,
+)
+from exposight.models import train as train_one
 
 SPECIFICATIONS = tuple(map(model_named, ("q_k1", "e_k1", "q_k2")))
 
@@ -50,6 +60,35 @@ def test_a_table_that_one_model_cannot_learn_from_is_refused(make_table):
 def test_processes_here_and_a_cluster_exclude_each_other(table):
     with pytest.raises(InputError, match="choose one"):
         train(table, workers=2, cluster="tcp://host:8786")
+
+
+# -- committees ---------------------------------------------------------------------------------
+
+
+def test_many_rows_train_a_committee_that_is_kept_with_its_model(make_table, tmp_path):
+    table, unseen = make_table(300), make_table(50, seed=2)
+    specification = model_named("q_k1")
+    committee, exact = (
+        train_one(specification, table, seed=1, restarts=1, committee_rows=rows)
+        for rows in (120, None)
+    )
+    assert committee.experts > exact.experts == 1
+    assert committee.n_observations == exact.n_observations == len(table)
+    gap = np.abs(committee.predict(unseen).mean - exact.predict(unseen).mean)
+    assert gap.max() < 0.02
+    path = tmp_path / "q_k1.exposight-model"
+    save_model(path, committee)
+    again = load_model(path)
+    np.testing.assert_array_equal(again.predict(unseen).mean, committee.predict(unseen).mean)
+    assert again.summary == committee.summary
+    with pytest.raises(InputError, match="committee"):
+        committee.with_observations(unseen)
+
+
+def test_rows_up_to_the_limit_are_trained_exactly(table):
+    training = Training(specification=SPECIFICATIONS[0], table=table, seed=1)
+    assert not training.needs_committee
+    assert replace(training, committee_rows=len(table) - 1).needs_committee
 
 
 def test_no_specifications_give_no_models(table):

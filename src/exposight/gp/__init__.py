@@ -2,7 +2,7 @@
 
 from exposight.gp.bounds import Bounds, DataScale
 from exposight.gp.committee import Committee
-from exposight.gp.committee_fitting import CommitteeFitResult, fit_committee
+from exposight.gp.committee_fitting import CommitteeFitResult, ShardTask, fit_committee
 from exposight.gp.fitting import FitResult, StartResult, fit
 from exposight.gp.kernels import (
     ChangePoint,

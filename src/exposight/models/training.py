@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from exposight.errors import InputError, ObservationError
-from exposight.gp import fit
+from exposight.gp import fit, fit_committee
 from exposight.models.evaluation import check_rows
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
@@ -17,13 +18,25 @@ from exposight.models.specification import I_AVG_MAX, I_AVG_MIN
 from exposight.workers import DaskCluster, LocalProcesses, Progress, Workers, ignore_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Callable, Generator, Sequence
+
+    from numpy.typing import NDArray
 
     from exposight.cell import ActiveSensor
+    from exposight.gp import Committee, CommitteeFitResult, FitResult, GaussianProcess, ShardTask
     from exposight.models.specification import ModelSpecification
     from exposight.observing import ObservationTable
 
+_Likelihood: TypeAlias = "tuple[float, NDArray[np.float64]]"
+
 _STAGE = "training models"
+
+COMMITTEE_ROWS = 6000
+"""Above so many rows a committee of exact experts is trained in place of one exact process, whose
+time grows with the cube of the rows and its memory with the square."""
+
+_SHARD_SIZE, _COMMUNICATION = 2000, 1000
+"""Rows of one expert at most, and rows that all experts share (`fit_committee`)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +45,7 @@ class Training:
 
     Parameters
     ----------
-    specification, table, seed, source, source_sha256, sensor, restarts
+    specification, table, seed, source, source_sha256, sensor, restarts, committee_rows
         As for `train`.
     """
 
@@ -43,6 +56,13 @@ class Training:
     source_sha256: str | None = None
     sensor: ActiveSensor | None = None
     restarts: int = 3
+    committee_rows: int | None = COMMITTEE_ROWS
+
+    @property
+    def needs_committee(self) -> bool:
+        """Whether a committee of experts is going to be trained."""
+        rows = len(self.specification.rows(self.table))
+        return self.committee_rows is not None and rows > self.committee_rows
 
     @property
     def cost(self) -> float:
@@ -50,7 +70,9 @@ class Training:
         parameters = len(self.specification.kernel.free_parameters)
         return float(len(self.table)) ** 3 * parameters
 
-    def run(self, progress: Progress = ignore_progress) -> GaussianProcessModel:
+    def run(
+        self, progress: Progress = ignore_progress, *, cluster: str | None = None
+    ) -> GaussianProcessModel:
         """Train the model (`train`)."""
         return train(
             self.specification,
@@ -60,6 +82,8 @@ class Training:
             source_sha256=self.source_sha256,
             sensor=self.sensor,
             restarts=self.restarts,
+            committee_rows=self.committee_rows,
+            cluster=cluster,
             progress=progress,
         )
 
@@ -84,7 +108,8 @@ def run_trainings(
         Models that are trained at the same time, each in a process of its own; 1 trains in this
         process.
     cluster : str, optional
-        Address of a Dask scheduler whose workers train instead, such as ``tcp://host:8786``.
+        Address of a Dask scheduler whose workers train instead, such as ``tcp://host:8786``;
+        of a single model with a committee, each trains a share of the experts.
     progress : Progress
         Receives the models that are trained; where only one is trained at a time, also the
         starts of its optimiser.
@@ -105,9 +130,10 @@ def run_trainings(
     ordered = sorted(trainings, key=lambda training: training.cost, reverse=True)
     pool: Workers = DaskCluster(cluster) if cluster is not None else LocalProcesses(workers)
     progress(_STAGE, 0, len(ordered))
-    if cluster is None and min(workers, len(ordered)) <= 1:
+    alone = len(ordered) == 1 and ordered[0].needs_committee  # its shards are shared out instead
+    if alone or (cluster is None and min(workers, len(ordered)) <= 1):
         for done, training in enumerate(ordered, start=1):
-            yield training, training.run(progress)
+            yield training, training.run(progress, cluster=cluster)
             progress(_STAGE, done, len(ordered))
         return
     with closing(pool.run(Training.run, ordered)) as results:
@@ -178,9 +204,11 @@ def train(
     source_sha256: str | None = None,
     sensor: ActiveSensor | None = None,
     restarts: int = 3,
+    committee_rows: int | None = COMMITTEE_ROWS,
+    cluster: str | None = None,
     progress: Progress = ignore_progress,
 ) -> GaussianProcessModel:
-    """Train one of the paper's models.
+    """Train a Gaussian process: one of the paper's models, or one's own.
 
     Parameters
     ----------
@@ -199,6 +227,11 @@ def train(
         The sensor that the observations are of; kept in the model.
     restarts : int
         Starts of the optimiser; the paper took three (Sect. 3.3.4).
+    committee_rows : int, optional
+        With more rows than this, train a committee of exact experts; None never does.
+    cluster : str, optional
+        Address of a Dask scheduler whose workers evaluate a committee's shards; threads of this
+        process do it if left out. One exact process is always trained here.
     progress : Progress
         Receives the starts that are done.
 
@@ -213,11 +246,11 @@ def train(
     NumericalError
         If no start of the optimiser gave a valid model.
     """
-    stage = f"training {specification.name}"
     rows = specification.rows(table)
     check_rows(specification.name, "train", rows, table, specification.p_norm_min)
     x, y = specification.data(rows)
-    if specification.kernel.gate(x).all():  # else told without the column's name
+    lit = ~specification.kernel.gate(x)
+    if not lit.any() and "i_avg" in specification.inputs:
         grey = x[:, specification.inputs.index("i_avg")]
         lies = f"lies outside grey levels {I_AVG_MIN:g} to {I_AVG_MAX:g}"
         if grey.max() < I_AVG_MIN:
@@ -229,15 +262,30 @@ def train(
             "a mean grey level of 0 to 255"
         )
         raise ObservationError(msg)
-    progress(stage, 0, restarts)
-    result = fit(
-        specification.kernel,
-        x,
-        y,
-        rng=np.random.default_rng(seed),
-        restarts=restarts,
-        progress=lambda _, done, total: progress(stage, done, total),
-    )
+
+    def report(stage: str, done: int, total: int) -> None:
+        progress(f"training {specification.name}", done, total)
+
+    report("", 0, restarts)
+    kernel, rng = specification.kernel, np.random.default_rng(seed)
+    process: GaussianProcess | Committee
+    result: FitResult | CommitteeFitResult
+    if committee_rows is None or np.count_nonzero(lit) <= committee_rows:
+        result = fit(kernel, x, y, rng=rng, restarts=restarts, progress=report)
+        process = result.process
+    else:
+        result = fit_committee(
+            kernel,
+            x,
+            y,
+            rng=rng,
+            restarts=restarts,
+            shard_size=min(_SHARD_SIZE, committee_rows // 2),
+            communication=min(_COMMUNICATION, committee_rows // 4),
+            shard_map=None if cluster is None else partial(_on_cluster, DaskCluster(cluster)),
+            progress=report,
+        )
+        process = result.committee
     return GaussianProcessModel(
         name=specification.name,
         title=specification.title,
@@ -245,15 +293,24 @@ def train(
         inputs=specification.inputs,
         p_norm_min=specification.p_norm_min,
         source=specification.source,
-        process=result.process,
+        process=process,
         summary=FitSummary(
             log_marginal_likelihood=result.log_marginal_likelihood,
             converged=result.converged,
             evaluations=result.evaluations,
-            starts=len(result.starts),
+            starts=restarts,
             parameters_at_bound=result.parameters_at_bound,
             seconds=result.seconds,
         ),
         provenance=Provenance.of(rows, source=source, sha256=source_sha256, seed=seed),
         sensor=sensor,
     )
+
+
+def _on_cluster(
+    cluster: DaskCluster, work: Callable[[ShardTask], _Likelihood], tasks: Sequence[ShardTask]
+) -> list[_Likelihood]:
+    """Evaluate shards on a cluster; results in the order of the tasks (`ShardMap`)."""
+    with closing(cluster.run(work, tasks)) as results:
+        by_task = {id(task): result for task, result in results}
+    return [by_task[id(task)] for task in tasks]
