@@ -11,6 +11,7 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from exposight.paper import CAMPAIGNS, StudyResult, StudySettings, campaign_plan, run_study
@@ -38,19 +39,10 @@ def warm_up() -> None:
             simulate_observations(replace(plan, planes=(single,)), cell)
 
 
-def _row(result: StudyResult, variant: str, role: str) -> tuple[float | None, float | None]:
-    """Return R² and RMSE, in percent or ms, of a variant's first line with this role."""
-    for row in result.tables.scores:
-        if (row.variant, row.role) == (variant, role):
-            return row.r2_percent, row.rmse
-    return None, None
-
-
-def _coverage(result: StudyResult, variant: str, role: str) -> float | None:
-    for row in result.tables.scores:
-        if (row.variant, row.role) == (variant, role) and row.coverage_2sigma_percent is not None:
-            return row.coverage_2sigma_percent / 100
-    return None
+def _row(result: StudyResult, variant: str, role: str) -> dict[str, Any]:
+    """Return a variant's first line with this role, or nothing."""
+    lines = result.tables.scores.rows(named=True)
+    return next((row for row in lines if (row["variant"], row["role"]) == (variant, role)), {})
 
 
 def unseen(result: StudyResult) -> list[Figure]:
@@ -66,11 +58,11 @@ def unseen(result: StudyResult) -> list[Figure]:
         ):
             if prefix and short == "elin":  # the paper has no linear model of the stereo sensor
                 continue
-            r2, error = _row(result, f"{variant}{suffix}", role)
+            row = _row(result, f"{variant}{suffix}", role)
             r2_name = f"{prefix}{short}_test_r2_percent"
             rmse_name = f"{prefix}{short}_test_rmse_{unit}"
-            figures += _marked(rmse_name, error, "%" if unit == "percent" else unit)
-            figures += _marked(r2_name, r2, "%")
+            figures += _marked(rmse_name, row.get("rmse"), "%" if unit == "percent" else unit)
+            figures += _marked(r2_name, row.get("r2_percent"), "%")
     return figures
 
 
@@ -91,17 +83,19 @@ def _marked(name: str, value: float | None, unit: str) -> list[Figure]:
 def splits(result: StudyResult) -> list[Figure]:
     """Return the validation of the best exposure model on both kinds of split."""
     return [
-        Figure(name=f"val_{name}_rmse_ms", value=_row(result, "e_k6", role)[1], unit="ms")
+        Figure(name=f"val_{name}_rmse_ms", value=_row(result, "e_k6", role).get("rmse"), unit="ms")
         for name, role in (("random", "validation"), ("by_view", "validation_by_view"))
     ]
 
 
 def calibration(result: StudyResult) -> list[Figure]:
     """Return the share of unseen observations within two predicted standard deviations."""
-    return [
-        Figure(name="coverage_2sigma_q4", value=_coverage(result, "q_k4", "test")),
-        Figure(name="coverage_2sigma_e6", value=_coverage(result, "e_k6", "test_inside")),
-    ]
+    figures = []
+    for short, variant, role in (("q4", "q_k4", "test"), ("e6", "e_k6", "test_inside")):
+        percent = _row(result, variant, role).get("coverage_2sigma_percent")
+        value = None if percent is None else percent / 100
+        figures.append(Figure(name=f"coverage_2sigma_{short}", value=value))
+    return figures
 
 
 def findings(result: StudyResult) -> list[Figure]:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 from exposight.observing import Observation, ObservationTable
-from exposight.paper.campaigns import CAMPAIGNS
+from exposight.paper import CAMPAIGNS, StudyResult, StudySettings, StudyTables
 
 EXPOSURES_MS = (5.0, 10.0, 20.0, 40.0, 80.0)
 
@@ -70,3 +72,25 @@ def observe() -> Callable[..., ObservationTable]:
 def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a table for each campaign of the study."""
     return _write_campaigns(tmp_path_factory.mktemp("campaigns"))
+
+
+def _study(**parts: Any) -> StudyResult:
+    """Return a study that has these parts only; of the tables, the scores."""
+    scores = pl.DataFrame(parts.pop("scores", []), infer_schema_length=None)
+    empty = pl.DataFrame()
+    defaults = {
+        "settings": StudySettings(),
+        "exposight_version": "0",
+        "campaigns": (),
+        "datasets": (),
+        "variants": (),
+        "tables": StudyTables(scores=scores, hyperparameters=empty, datasets=empty),
+        "dependence": (),
+        "learning_curves": (),
+    }
+    return StudyResult(**defaults | parts)
+
+
+@pytest.fixture(scope="session")
+def study() -> Callable[..., StudyResult]:
+    return _study

@@ -19,6 +19,7 @@ from exposight.paper import StudySettings
 from exposight.paper import campaigns as campaigns_module
 from exposight.paper.campaigns import CAMPAIGNS, StudyCampaign, campaign_plan, collect, plan_size
 from exposight.twin.part import door
+from exposight.workers import ignore_progress
 
 
 @pytest.mark.parametrize(
@@ -53,10 +54,6 @@ def test_a_quick_study_has_all_depths_of_the_full_one() -> None:
 INSIDE, *_, LIGHTING, OUTSIDE, STEREO, _ = CAMPAIGNS
 
 
-def silent(done: int, total: int) -> None:
-    """Hear nothing."""
-
-
 @pytest.fixture
 def simulations(
     monkeypatch: pytest.MonkeyPatch, observe: Callable[..., ObservationTable]
@@ -77,30 +74,30 @@ def simulations(
 
 
 def test_what_was_measured_is_not_measured_again(simulations: list[str], tmp_path: Path) -> None:
-    first = collect(LIGHTING, tmp_path, StudySettings(), silent)
-    again = collect(LIGHTING, tmp_path, StudySettings(), silent)
+    first = collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
+    again = collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     assert simulations == ["lighting-3"]
     assert first.table.frame.equals(again.table.frame)
 
 
 def test_workers_do_not_matter(simulations: list[str], tmp_path: Path) -> None:
     for workers in (1, 2):
-        collect(LIGHTING, tmp_path, StudySettings(workers=workers), silent)
+        collect(LIGHTING, tmp_path, StudySettings(workers=workers), ignore_progress)
     assert simulations == ["lighting-3"]
 
 
 def test_another_plan_is_another_measurement(simulations: list[str], tmp_path: Path) -> None:
     for quick in (True, False):
-        collect(STEREO, tmp_path, StudySettings(quick=quick), silent)
+        collect(STEREO, tmp_path, StudySettings(quick=quick), ignore_progress)
     assert simulations == ["stereo-inside", "stereo-inside"]
 
 
 def test_another_version_measures_again(
     simulations: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    collect(LIGHTING, tmp_path, StudySettings(), silent)
+    collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     monkeypatch.setattr(campaigns_module, "__version__", "99")
-    collect(LIGHTING, tmp_path, StudySettings(), silent)
+    collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     assert len(simulations) == 2
 
 
@@ -108,12 +105,12 @@ def test_another_version_measures_again(
 def test_a_damaged_table_is_measured_again(
     simulations: list[str], tmp_path: Path, byte: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    whole = collect(LIGHTING, tmp_path, StudySettings(), silent).table
+    whole = collect(LIGHTING, tmp_path, StudySettings(), ignore_progress).table
     (path,) = tmp_path.glob("*.parquet")
     content = bytearray(path.read_bytes())
     content[byte] ^= 0xFF
     path.write_bytes(content)
-    again = collect(LIGHTING, tmp_path, StudySettings(), silent).table
+    again = collect(LIGHTING, tmp_path, StudySettings(), ignore_progress).table
     assert len(simulations) == 2
     assert again.frame.equals(whole.frame)
     assert "measured again" in caplog.text
@@ -122,16 +119,16 @@ def test_a_damaged_table_is_measured_again(
 def test_a_table_whose_checksum_was_not_yet_written_is_used(
     simulations: list[str], tmp_path: Path
 ) -> None:
-    collect(LIGHTING, tmp_path, StudySettings(), silent)
+    collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     (seal,) = tmp_path.glob("*.sha256")
     seal.unlink()
-    collect(LIGHTING, tmp_path, StudySettings(), silent)
+    collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     assert len(simulations) == 1
     assert seal.is_file()
 
 
 def test_a_share_of_the_views_is_said(simulations: list[str], tmp_path: Path) -> None:
-    found = collect(STEREO, tmp_path, StudySettings(quick=True), silent)
+    found = collect(STEREO, tmp_path, StudySettings(quick=True), ignore_progress)
     assert found.description == (
         "stereo-inside: 30 views, 150 captures, simulated; the full study has 240 views and "
         "3840 captures"
@@ -139,14 +136,14 @@ def test_a_share_of_the_views_is_said(simulations: list[str], tmp_path: Path) ->
 
 
 def test_recorded_tables_are_read(campaigns: Path, tmp_path: Path) -> None:
-    found = collect(INSIDE, tmp_path, StudySettings(campaigns=campaigns), silent)
+    found = collect(INSIDE, tmp_path, StudySettings(campaigns=campaigns), ignore_progress)
     assert found.description == "inside: 6 views, 30 captures, recorded"
 
 
 def test_what_is_not_required_may_be_missing(campaigns: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    assert collect(OUTSIDE, tmp_path, StudySettings(campaigns=empty), silent) is None
+    assert collect(OUTSIDE, tmp_path, StudySettings(campaigns=empty), ignore_progress) is None
 
 
 @pytest.mark.parametrize("there", [[], ["door.csv"], None])
@@ -158,7 +155,7 @@ def test_a_missing_required_campaign_is_named(tmp_path: Path, there: list[str] |
             (folder / name).touch()
     found = ", ".join(there) if there else "nothing"
     with pytest.raises(MissingFileError, match=f"campaign folder 'inside' .* found {found}"):
-        collect(INSIDE, tmp_path, StudySettings(campaigns=folder), silent)
+        collect(INSIDE, tmp_path, StudySettings(campaigns=folder), ignore_progress)
 
 
 def test_missing_features_are_named(
@@ -166,7 +163,7 @@ def test_missing_features_are_named(
 ) -> None:
     observe(["f1", "f2", "hole"]).write(tmp_path / "inside.csv")
     with pytest.raises(FeatureError, match=r"lacks the features f3, f4, .* it has f1, f2, hole"):
-        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), silent)
+        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), ignore_progress)
 
 
 def test_a_campaign_without_a_measured_row_is_refused(
@@ -180,13 +177,13 @@ def test_a_campaign_without_a_measured_row_is_refused(
     )
     ObservationTable(frame=hidden).write(tmp_path / "inside.csv")
     with pytest.raises(ObservationError, match="none of its 65 rows was measured"):
-        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), silent)
+        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), ignore_progress)
 
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "inside.csv").write_text("not,a,table\n1,2,3\n")
     with pytest.raises(FormatError, match=r"inside\.csv: wrong header"):
-        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), silent)
+        collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), ignore_progress)
 
 
 def test_a_campaign_of_the_other_sensor_is_refused(tmp_path: Path) -> None:
@@ -198,4 +195,4 @@ def test_a_campaign_of_the_other_sensor_is_refused(tmp_path: Path) -> None:
     ):
         pass
     with pytest.raises(SensorError, match="expected a campaign of a stereo sensor, got one of"):
-        collect(STEREO, tmp_path, StudySettings(campaigns=tmp_path), silent)
+        collect(STEREO, tmp_path, StudySettings(campaigns=tmp_path), ignore_progress)

@@ -6,16 +6,14 @@ import pytest
 from exposight.errors import InputError, ObservationError
 from exposight.models import Prediction, model_named
 from exposight.observing import Observation, ObservationTable
-from exposight.paper.figure_data import (
-    best_and_worst,
-    capture_forecast,
+from exposight.paper.figure_data import kernel_examples
+from exposight.paper.observed_curves import (
     extreme_radii,
     feature_positions,
-    kernel_examples,
     nearest_row,
     observed_curves,
-    prediction_surfaces,
 )
+from exposight.paper.predictions import best_and_worst, capture_forecast, prediction_surfaces
 
 
 def row(feature, view, exposure_ms, *, i_avg=None, p_norm=0.9, place=(0.0, 0.0, 0.0), radius=8.0):

@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from exposight.errors import FeatureError, FileError, InputError
 from exposight.observing import ObservationTable
-from exposight.paper import StudyResult, StudySettings, run_study, table_csv
+from exposight.paper import StudyResult, StudySettings, run_study, table_files
 
 SCRIPT = """
 import sys
@@ -21,11 +22,6 @@ if __name__ == "__main__":
     settings = StudySettings(quick=True, workers=1, campaigns=Path(sys.argv[1]))
     run_study(Path(sys.argv[2]), settings)
 """
-
-
-def csvs(result: StudyResult) -> list[bytes]:
-    tables = result.tables
-    return [table_csv(own) for own in (tables.scores, tables.hyperparameters, tables.datasets)]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +55,7 @@ def test_all_datasets_are_there(result: StudyResult) -> None:
 
 
 def test_all_tables_have_lines(result: StudyResult) -> None:
-    assert {row.table for row in result.tables.scores} == {2, 3, 4, 5, 6}
+    assert set(result.tables.scores["table"]) == {2, 3, 4, 5, 6}
 
 
 def test_scores_are_those_of_the_lines_rows(result: StudyResult) -> None:
@@ -99,7 +95,7 @@ def test_the_same_study_again_uses_what_is_there(
     )
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")} == before
     assert stages["training models"] == [29]
-    assert csvs(again) == csvs(result)
+    assert table_files(again) == table_files(result)
 
 
 def test_a_damaged_model_is_trained_again(
@@ -114,7 +110,7 @@ def test_a_damaged_model_is_trained_again(
     again = run_study(folder, settings)
     assert "trained again" in caplog.text
     assert path.read_bytes() == whole
-    assert csvs(again) == csvs(result)
+    assert table_files(again) == table_files(result)
 
 
 @pytest.fixture
@@ -151,7 +147,7 @@ def test_a_killed_study_goes_on(
             path: path.stat().st_mtime_ns for path in folder.glob("models/*.exposight-model")
         }.items()
     )
-    assert csvs(resumed) == csvs(result)
+    assert table_files(resumed) == table_files(result)
 
 
 def test_without_the_finer_campaign_there_are_fewer_rows(
@@ -162,9 +158,9 @@ def test_without_the_finer_campaign_there_are_fewer_rows(
         quick=True, workers=1, campaigns=tmp_path, sensors=("structured-light",)
     )
     result = run_study(tmp_path / "study", settings)
-    lighting = [row for row in result.tables.scores if row.table == 4]
-    assert lighting
-    assert all(row.n == 0 and row.rmse is None for row in lighting)
+    lighting = result.tables.scores.filter(pl.col("table") == 4)
+    assert set(lighting["n"]) == {0}
+    assert set(lighting["rmse"]) == {None}
     named = {own.name: own for own in result.findings}
     assert named["exposure-drifts-up"].holds is None
 

@@ -7,19 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuadratic
 from exposight.models import Evaluation, FitSummary, GaussianProcessModel, Prediction, Provenance
 from exposight.observing import ObservationTable
-from exposight.paper import Dataset, Score, ScoreRow, TrainedVariant, Variant, table_csv
+from exposight.paper import Dataset, Score, StudyResult, TrainedVariant, Variant, table_files
 from exposight.paper.tables import (
-    dataset_rows,
-    hyperparameter_rows,
-    published_datasets,
+    dataset_table,
+    hyperparameter_table,
     published_hyperparameters,
     published_scores,
-    score_rows,
+    score_table,
+    study_tables,
 )
 from exposight.paper.variants import VARIANTS
 from exposight.statistics import score
@@ -28,7 +29,7 @@ THREE = 3
 
 
 def variant(name: str) -> Variant:
-    return next(own for own in VARIANTS if own.name == name)
+    return next(variant for variant in VARIANTS if variant.name == name)
 
 
 def model_of(own: Variant, at_bound: tuple[str, ...]) -> GaussianProcessModel:
@@ -78,7 +79,7 @@ def trained(
 ) -> TrainedVariant:
     """A variant whose one line under ``test`` has these predictions; without any, no rows."""
     own = variant(name)
-    line = next(own for own in own.evaluations if own.role == "test")
+    line = next(line for line in own.evaluations if line.role == "test")
     result = None
     if observed is not None and predicted is not None:
         mean, spread = np.array(predicted), np.full(len(predicted), std)
@@ -90,51 +91,56 @@ def trained(
             score=score(observed, mean, spread),
             score_inside=None,
         )
-    found = Score(
-        variant=name,
-        evaluation=line,
-        result=result,
-        score=result.score if result else None,
-        relative_error_percent=None,
-    )
+    scores = (Score(evaluation=line, result=result),)
     return TrainedVariant(
-        variant=own, model=model_of(own, at_bound), path=Path("model"), scores=(found,)
+        variant=own, model=model_of(own, at_bound), path=Path("model"), scores=scores
     )
 
 
-def the_row(own: TrainedVariant) -> ScoreRow:
-    (row,) = score_rows([own])
+class Row:
+    """A row's cells as attributes."""
+
+    def __init__(self, cells: dict[str, object]) -> None:
+        self.__dict__.update(cells)
+
+
+def rows(frame: pl.DataFrame) -> list[Row]:
+    return [Row(cells) for cells in frame.iter_rows(named=True)]
+
+
+def the_row(trained: TrainedVariant) -> Row:
+    (row,) = rows(score_table([trained]))
     return row
 
 
 @pytest.fixture
-def quality() -> ScoreRow:
+def quality() -> Row:
     """Errors 0.1, 0, −0.2: their squares add up to 0.05, the observations' to 0.5."""
     return the_row(trained("q_k4", [0.0, 0.5, 1.0], [0.1, 0.5, 0.8]))
 
 
-def test_r2_is_90_percent(quality: ScoreRow) -> None:
+def test_r2_is_90_percent(quality: Row) -> None:
     assert quality.r2_percent == pytest.approx(90.0)
 
 
-def test_mse_is_in_the_targets_unit(quality: ScoreRow) -> None:
+def test_mse_is_in_the_targets_unit(quality: Row) -> None:
     assert quality.mse == pytest.approx(0.05 / 3)
 
 
-def test_rmse_of_p_norm_is_in_percent_of_full_scale(quality: ScoreRow) -> None:
+def test_rmse_of_p_norm_is_in_percent_of_full_scale(quality: Row) -> None:
     assert (quality.unit, quality.rmse) == ("%", pytest.approx(12.9099, abs=1e-4))
 
 
-def test_mae_of_p_norm_is_in_percent_of_full_scale(quality: ScoreRow) -> None:
+def test_mae_of_p_norm_is_in_percent_of_full_scale(quality: Row) -> None:
     assert quality.mae == pytest.approx(10.0)
 
 
-def test_two_of_three_are_within_one_sigma_and_all_within_two(quality: ScoreRow) -> None:
+def test_two_of_three_are_within_one_sigma_and_all_within_two(quality: Row) -> None:
     assert quality.coverage_1sigma_percent == pytest.approx(200 / 3)
     assert quality.coverage_2sigma_percent == 100.0
 
 
-def test_differences_are_ours_less_the_papers(quality: ScoreRow) -> None:
+def test_differences_are_ours_less_the_papers(quality: Row) -> None:
     assert quality.r2_difference == pytest.approx(90.0 - 92.74)
     assert quality.rmse_difference == pytest.approx(12.9099 - 10.49, abs=1e-4)
 
@@ -156,26 +162,26 @@ def test_observations_all_alike_have_no_r2() -> None:
 
 
 def test_lines_are_ordered_by_the_papers_tables() -> None:
-    rows = score_rows([trained("e_k1"), trained("q_k1_s2"), trained("q_k4")])
-    assert [row.table for row in rows] == [2, 3, 5]
+    table = score_table([trained("e_k1"), trained("q_k1_s2"), trained("q_k4")])
+    assert table["table"].to_list() == [2, 3, 5]
 
 
 def test_length_scales_are_gpys() -> None:
     # ℓ √α = 2 · √0.25
-    rows = hyperparameter_rows(trained("q_k4"))
-    scales = {row.input: row.value for row in rows if row.parameter == "length_scale"}
+    lines = rows(hyperparameter_table([trained("q_k4")]))
+    scales = {row.input: row.value for row in lines if row.parameter == "length_scale"}
     assert scales == {"i_avg": 1.0, "z_mm": 1.0, "x_mm": 1.0, "y_mm": 1.0}
 
 
 def test_length_scales_of_other_kernels_stay() -> None:
-    rows = hyperparameter_rows(trained("e_k2"))
-    (row,) = (row for row in rows if row.parameter == "length_scale")
+    lines = rows(hyperparameter_table([trained("e_k2")]))
+    (row,) = (row for row in lines if row.parameter == "length_scale")
     assert (row.value, row.input, row.unit, row.paper_value) == (7.0, "all", "mixed", 1070.0)
 
 
 def test_hyperparameters_stand_beside_the_papers() -> None:
-    rows = hyperparameter_rows(trained("q_k4"))
-    assert [(row.symbol, row.input, row.paper_value) for row in rows] == [
+    lines = rows(hyperparameter_table([trained("q_k4")]))
+    assert [(row.symbol, row.input, row.paper_value) for row in lines] == [
         ("σ²", "", 1.45),
         ("ℓ", "i_avg", 1.06),
         ("ℓ", "z_mm", 52.0),
@@ -187,8 +193,8 @@ def test_hyperparameters_stand_beside_the_papers() -> None:
 
 
 def test_hyperparameters_at_a_limit_are_marked() -> None:
-    rows = hyperparameter_rows(trained("q_k4", at_bound=("noise_variance",)))
-    assert [row.parameter for row in rows if row.at_bound] == ["noise_variance"]
+    lines = rows(hyperparameter_table([trained("q_k4", at_bound=("noise_variance",))]))
+    assert [row.parameter for row in lines if row.at_bound] == ["noise_variance"]
 
 
 @pytest.fixture
@@ -204,8 +210,8 @@ def x(observe: Callable[..., ObservationTable]) -> Dataset:
 
 
 def test_x_is_counted_by_plane_and_as_a_whole(x: Dataset) -> None:
-    rows = dataset_rows(x)
-    assert [(row.dataset, row.n, row.n_views) for row in rows] == [
+    lines = rows(dataset_table([x]))
+    assert [(row.dataset, row.n, row.n_views) for row in lines] == [
         ("X near", 20, 2),
         ("X middle", 20, 2),
         ("X far", 20, 2),
@@ -214,51 +220,35 @@ def test_x_is_counted_by_plane_and_as_a_whole(x: Dataset) -> None:
 
 
 def test_ranges_stand_beside_the_papers(x: Dataset) -> None:
-    near = dataset_rows(x)[0]
-    assert near.exposure_ms == (5.0, 80.0)
-    assert near.z_mm == (-165.0, -165.0)
-    assert near.paper_z_mm == (-188.0, -149.0)
+    near = rows(dataset_table([x]))[0]
+    assert (near.exposure_ms_low, near.exposure_ms_high) == (5.0, 80.0)
+    assert (near.z_mm_low, near.z_mm_high) == (-165.0, -165.0)
+    assert (near.paper_z_mm_low, near.paper_z_mm_high) == (-188.0, -149.0)
 
 
 def test_an_empty_dataset_has_no_ranges(x: Dataset) -> None:
     empty = replace(x, name="X_out", table=ObservationTable.from_observations([]))
-    (row,) = dataset_rows(empty)
-    assert (row.n, row.x_mm, row.paper_n) == (0, None, 240)
+    (row,) = rows(dataset_table([empty]))
+    assert (row.n, row.x_mm_low, row.paper_n) == (0, None, 240)
 
 
-def test_csv_gives_the_same_numbers_back(quality: ScoreRow) -> None:
-    (record,) = csv.DictReader(io.StringIO(table_csv([quality]).decode()))
-    assert float(record["rmse"]) == quality.rmse
-    assert record["variant"] == "q_k4"
-
-
-def test_csv_leaves_empty_what_there_is_not() -> None:
-    (record,) = csv.DictReader(io.StringIO(table_csv([the_row(trained("q_k4"))]).decode()))
-    assert record["r2_percent"] == ""
-
-
-def test_csv_splits_ranges(x: Dataset) -> None:
-    record, *_ = csv.DictReader(io.StringIO(table_csv(dataset_rows(x)).decode()))
-    assert (record["paper_z_mm_low"], record["paper_z_mm_high"]) == ("-188.0", "-149.0")
+def test_csv_gives_the_same_numbers_back(study: Callable[..., StudyResult]) -> None:
+    variants = trained("q_k4", [0.0, 0.5, 1.0], [0.1, 0.5, 0.8]), trained("q_k1")
+    tables = study_tables([], variants)
+    text = table_files(study(tables=tables))["table-2.csv"].decode()
+    scored, without_rows = csv.DictReader(io.StringIO(text))
+    assert float(scored["rmse"]) == tables.scores["rmse"][0]
+    assert scored["variant"] == "q_k4"
+    assert without_rows["r2_percent"] == ""
 
 
 def test_table_2_gives_the_four_inputs_on_unseen_features() -> None:
     score = published_scores()["q_k4", "X4_test", "f1-4_test"]
-    assert (score.table, score.r2_percent, score.mse, score.rmse) == (2, 92.74, 0.011, 10.49)
+    assert score == {"table": 2, "r2_percent": 92.74, "mse": 0.011, "rmse": 10.49}
 
 
 def test_table_8_gives_the_product_of_both_variances() -> None:
     assert published_hyperparameters()["e_k6", "variance", ""] == 66 * 331
-
-
-def test_table_9_gives_counts_and_ranges() -> None:
-    near = published_datasets()["X near"]
-    assert (near.n, near.ranges["z_mm"]) == (390, (-188.0, -149.0))
-
-
-def test_table_9_says_how_many_train() -> None:
-    known = {name: own.n_train for name, own in published_datasets().items() if own.n_train}
-    assert known == {"X": 912, "eX": 421, "eX_plus": 758, "eX_plusplus": 1936, "s2_X": 2693}
 
 
 def test_every_line_of_the_papers_tables_has_its_variant() -> None:
@@ -275,7 +265,7 @@ def test_every_line_stands_in_the_papers_table() -> None:
     for variant in VARIANTS:
         for line in variant.evaluations:
             score = published.get((variant.name, line.paper_dataset, line.paper_features))
-            assert score is None or score.table == line.table
+            assert score is None or score["table"] == line.table
 
 
 def test_every_variant_has_hyperparameters_in_table_8() -> None:

@@ -6,19 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from exposight.models import model_named, train
 from exposight.observing import Observation, ObservationTable
 from exposight.paper import (
     Dataset,
-    DatasetRow,
     DependenceMatrix,
     Finding,
-    HyperparameterRow,
     LearningCurve,
     LearningStep,
-    ScoreRow,
     StudyFigure,
     StudyResult,
     StudySettings,
@@ -101,43 +99,42 @@ def trained(name, data):
     return TrainedVariant(variant=variant, model=model, path=Path(name), scores=())
 
 
-LINE = ScoreRow(
-    table=2,
-    variant="q_k4",
-    variant_title="quality, 4D",
-    trained_on="X",
-    n_train=1912,
-    dataset="X4_test",
-    role="test",
-    features="f1-4_test",
-    n=1779,
-    unit="%",
-    r2_percent=91.23456789,
-    mse=0.0123456789,
-    rmse=11.1111111,
-    mae=7.654321,
-    relative_error_percent=None,
-    coverage_1sigma_percent=70.123,
-    coverage_2sigma_percent=93.456,
-    paper_r2_percent=92.74,
-    paper_mse=0.011,
-    paper_rmse=10.49,
-    r2_difference=91.23456789 - 92.74,
-    rmse_difference=11.1111111 - 10.49,
-)
-NO_ROWS = replace(
-    LINE,
-    table=6,
-    dataset="X_out",
-    role="extended",
-    n=0,
+LINE = {
+    "table": 2,
+    "variant": "q_k4",
+    "variant_title": "quality, 4D",
+    "trained_on": "X",
+    "n_train": 1912,
+    "dataset": "X4_test",
+    "role": "test",
+    "features": "f1-4_test",
+    "n": 1779,
+    "unit": "%",
+    "r2_percent": 91.23456789,
+    "mse": 0.0123456789,
+    "rmse": 11.1111111,
+    "mae": 7.654321,
+    "relative_error_percent": None,
+    "coverage_1sigma_percent": 70.123,
+    "coverage_2sigma_percent": 93.456,
+    "paper_r2_percent": 92.74,
+    "paper_mse": 0.011,
+    "paper_rmse": 10.49,
+    "r2_difference": 91.23456789 - 92.74,
+    "rmse_difference": 11.1111111 - 10.49,
+}
+NO_ROWS = LINE | {
+    "table": 6,
+    "dataset": "X_out",
+    "role": "extended",
+    "n": 0,
     **dict.fromkeys(
         (
             "r2_percent", "mse", "rmse", "mae", "coverage_1sigma_percent",
             "coverage_2sigma_percent", "r2_difference", "rmse_difference",
         )
     ),
-)  # fmt: skip
+}  # fmt: skip
 RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 FINDING = Finding(
     name="true-one",
@@ -161,7 +158,8 @@ def study():
     known, unseen = observations(("f1", "f2"), 0.0), observations(("f1_test", "f2_test"), 7.0)
     x, ex = dataset("X", known), dataset("eX", known, 0.75)
     columns = ("p_norm", "exposure_ms", "i_avg")
-    ranges = dict.fromkeys(RANGES, (0.125, 1.875))
+    ends = {"low": 0.125, "high": 1.875}
+    ranges = {f"{name}_{end}": value for name in RANGES for end, value in ends.items()}
     step = LearningStep(n_train=60, score=score([0.0, 1.0], [0.1, 0.8]))
     return StudyResult(
         settings=StudySettings(sensors=(SL,), quick=True, seed=7),
@@ -170,19 +168,24 @@ def study():
         datasets=(x, dataset("X_test", unseen), ex, dataset("eX_test", unseen, 0.75)),
         variants=(trained("q_k4", x), trained("e_k6", ex)),
         tables=StudyTables(
-            scores=(LINE, NO_ROWS),
-            hyperparameters=(
-                HyperparameterRow(
-                    variant="q_k4", parameter="length_scale_0", symbol="ℓ", input="i_avg",
-                    unit="grey levels", value=1.23456789, paper_value=1.06, at_bound=True,
-                ),
+            scores=pl.DataFrame([LINE, NO_ROWS]),
+            hyperparameters=pl.DataFrame(
+                [
+                    {
+                        "variant": "q_k4", "parameter": "length_scale_0", "symbol": "ℓ",
+                        "input": "i_avg", "unit": "grey levels", "value": 1.23456789,
+                        "paper_value": 1.06, "at_bound": True,
+                    }
+                ]
             ),
-            datasets=(
-                DatasetRow(
-                    dataset="X", sensor=SL, features="f1-4", n=1140, n_train=912,
-                    n_validation=228, n_features=4, n_views=48, paper_n=1140, paper_n_train=912,
-                    **ranges, **{f"paper_{name}": None for name in RANGES},
-                ),
+            datasets=pl.DataFrame(
+                [
+                    dict(
+                        dataset="X", sensor=SL, features="f1-4", n=1140, n_train=912,
+                        n_validation=228, n_features=4, n_views=48, paper_n=1140,
+                        paper_n_train=912, **ranges, **{f"paper_{name}": None for name in ranges},
+                    )
+                ]
             ),
         ),
         dependence=(DependenceMatrix(dataset="X", columns=columns, values=np.eye(3)),),
@@ -248,7 +251,9 @@ def test_the_findings_numbers_are_the_files(page, written):
 
 def test_a_table_shows_ours_the_papers_and_the_difference(page):
     shown = numbers_in(page, "table-2")
-    assert {LINE.rmse, LINE.paper_rmse, LINE.rmse_difference, LINE.r2_difference} <= shown
+    assert {
+        LINE[name] for name in ("rmse", "paper_rmse", "rmse_difference", "r2_difference")
+    } <= shown
     assert ">−1.5</data>" in page
 
 
@@ -300,7 +305,7 @@ def test_figures_have_the_papers_numbers_in_order(page):
 
 def test_a_figure_that_the_study_cannot_show_says_why(page):
     assert "Figure 14 is left out: e_k6 can be shown on curves of at least 4 exposure" in page
-    assert "Figure 23 is left out: the study has no learning curve of e_k6" in page
+    assert "Figure 23 is left out: the study has no learning curve of" in page
 
 
 @pytest.mark.parametrize(
@@ -314,10 +319,10 @@ def test_a_figure_that_the_study_cannot_show_says_why(page):
 )  # fmt: skip
 def test_the_summary_says_whether_position_helps(study, first, second, told):
     lines = tuple(
-        replace(LINE, table=2, variant=variant, role="test", unit="%", rmse=rmse, paper_rmse=paper)
+        LINE | {"variant": variant, "rmse": rmse, "paper_rmse": paper}
         for variant, rmse, paper in (("q_k1", first, 18.4), ("q_k4", second, 10.5))
     )
-    tables = replace(study.tables, scores=lines)
+    tables = replace(study.tables, scores=pl.DataFrame(lines))
     text = re.sub(r"<[^>]+>", "", summary_html(replace(study, tables=tables)))
     assert f"Position added to brightness {told}" in text
 
@@ -356,14 +361,14 @@ def test_the_page_is_of_a_reasonable_size(written):
 
 def test_progress_is_told(study, tmp_path):
     told = []
-    figures = study_figures(study, lambda done, total: told.append((done, total)))
+    figures = study_figures(study, lambda _, done, total: told.append((done, total)))
     assert told[0] == (0, 12)
     assert told[-1] == (12, 12)
     assert drawn_figures(study, figures[:1])[0].number == 5
 
 
 def test_a_table_with_both_targets_is_shown_in_two(study):
-    both = replace(LINE, table=4), replace(LINE, table=4, variant="e_k6", unit="ms")
+    both = pl.DataFrame([LINE | {"table": 4}, LINE | {"table": 4, "variant": "e_k6", "unit": "ms"}])
     page = study_report(replace(study, tables=replace(study.tables, scores=both)), ())
     assert '<table id="table-4-quality"' in page
     assert '<table id="table-4-exposure-time"' in page

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace as Row
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -24,7 +25,7 @@ from exposight.report.study import write_study
 from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
-    from exposight.paper import ScoreRow, StudyResult
+    from exposight.paper import StudyResult
     from exposight.report.study import StudyFiles
 
 _CORES = usual_workers()
@@ -151,7 +152,7 @@ def _document(result: StudyResult, written: StudyFiles) -> dict[str, object]:
         "seed": result.settings.seed,
         "simulated": result.settings.campaigns is None,
         "campaigns": result.campaigns,
-        "scores": [asdict(row) for row in result.tables.scores],
+        "scores": result.tables.scores.rows(named=True),
         "findings": [asdict(own) for own in result.findings],
         "findings_true": judged.count(True),
         "findings_false": judged.count(False),
@@ -166,7 +167,7 @@ def _print(result: StudyResult, written: StudyFiles) -> None:
     rows = [
         _cells(row)
         for variant, role in _SHOWN
-        for row in result.tables.scores
+        for row in (Row(**cells) for cells in result.tables.scores.iter_rows(named=True))
         if (row.variant, row.role) == (variant, role) and row.table in {2, 3, 5}
     ]
     print_line("")
@@ -192,7 +193,7 @@ def _print(result: StudyResult, written: StudyFiles) -> None:
     )
 
 
-def _cells(row: ScoreRow) -> tuple[str, ...]:
+def _cells(row: Row) -> tuple[str, ...]:
     return (
         row.variant,
         _ROLES[row.role],

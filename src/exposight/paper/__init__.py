@@ -2,7 +2,7 @@
 
 import exposight.twin  # before plans: they import each other for now
 from exposight.paper.campaigns import CAMPAIGNS, StudyCampaign, campaign_plan
-from exposight.paper.datasets import DATASETS, build_dataset
+from exposight.paper.datasets import DATASETS, Dataset, build_dataset
 from exposight.paper.figure_data import (
     FigureData,
     KernelExample,
@@ -25,26 +25,18 @@ from exposight.paper.predictions import (
     PredictionSurfaces,
 )
 from exposight.paper.results import (
-    SENSOR_KINDS,
-    Dataset,
-    DatasetRow,
     DependenceMatrix,
-    EvaluationRole,
-    EvaluationSet,
     Finding,
-    HyperparameterRow,
     LearningCurve,
     LearningStep,
     Score,
-    ScoreRow,
-    SensorKind,
+    Statement,
     StudyResult,
-    StudySettings,
     StudyTables,
     TrainedVariant,
-    Variant,
 )
 from exposight.paper.scores import score_variant
 from exposight.paper.study import run_study
-from exposight.paper.tables import table_csv
-from exposight.paper.variants import VARIANTS
+from exposight.paper.study_settings import SENSOR_KINDS, SensorKind, StudySettings
+from exposight.paper.tables import table_files
+from exposight.paper.variants import VARIANTS, EvaluationRole, EvaluationSet, Variant

@@ -27,8 +27,9 @@ from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simu
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from exposight.paper.results import SensorKind, StudySettings
+    from exposight.paper.study_settings import SensorKind, StudySettings
     from exposight.plans import DepthPlane, MeasuringPlan, RandomPositions
+    from exposight.workers import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +52,8 @@ class StudyCampaign:
 
     def features(self) -> tuple[str, ...]:
         """Return the features that the datasets take from it."""
-        used = (name for own in DATASETS if self.name in own.campaigns for name in own.features)
-        return tuple(dict.fromkeys(used))
+        datasets = (dataset for dataset in DATASETS if self.name in dataset.campaigns)
+        return tuple(dict.fromkeys(name for dataset in datasets for name in dataset.features))
 
 
 CAMPAIGNS: Final = (
@@ -171,9 +172,9 @@ def collect(
     campaign: StudyCampaign,
     folder: Path,
     settings: StudySettings,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> ObservedCampaign | None:
-    """Measure a campaign, or read somebody's; go on where an earlier run stopped.
+    """Simulate a campaign, or read a recorded one; go on where an earlier run stopped.
 
     Parameters
     ----------
@@ -181,21 +182,21 @@ def collect(
         Which one.
     folder : Path
         Where observations are kept, each under a name that has a checksum of what decides it; it
-        must exist. A table that is there and whole is used again.
+        must exist. A table that is complete is used again.
     settings : StudySettings
         Recorded or simulated, quick or in full, by how many workers.
-    progress : callable
-        Called with (captures done, captures in all).
+    progress : Progress
+        Receives the captures that are measured.
 
     Returns
     -------
     ObservedCampaign or None
-        None where a recorded campaign is not there and not required.
+        None where an optional recorded campaign is missing.
 
     Raises
     ------
     MissingFileError
-        If a required recorded campaign is not there.
+        If a required recorded campaign is missing.
     FeatureError
         If a recorded campaign lacks features that the study needs.
     SensorError
@@ -212,15 +213,16 @@ def _simulated(
     campaign: StudyCampaign,
     folder: Path,
     settings: StudySettings,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> ObservedCampaign:
     plan = campaign_plan(campaign, quick=settings.quick)
     decisive = (plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
     path = table_path(folder, campaign.name, decisive)
     table = kept_table(path)
     if table is None:
+        counted = _counted(campaign, progress)
         cell = CellSettings(rings_only=campaign.sensor != "stereo", workers=settings.workers)
-        table = simulate_observations(plan, cell, progress, table_path=path)
+        table = simulate_observations(plan, cell, counted, table_path=path)
         seal_table(path)
     return ObservedCampaign(
         campaign=campaign,
@@ -228,6 +230,10 @@ def _simulated(
         table=table,
         description=_described(campaign, plan),
     )
+
+
+def _counted(campaign: StudyCampaign, progress: Progress) -> Callable[[int, int], None]:
+    return lambda done, total: progress(f"measuring {campaign.name}", done, total)
 
 
 def _extent(views: int, captures: int) -> str:
@@ -243,7 +249,7 @@ def _described(campaign: StudyCampaign, plan: MeasuringPlan) -> str:
 
 
 def _recorded(
-    campaign: StudyCampaign, folder: Path, campaigns: Path, progress: Callable[[int, int], None]
+    campaign: StudyCampaign, folder: Path, campaigns: Path, progress: Progress
 ) -> ObservedCampaign | None:
     source = _recording(campaign, campaigns)
     if source is None:
@@ -284,17 +290,17 @@ def _recording(campaign: StudyCampaign, campaigns: Path) -> Path | None:
     if not campaign.required:
         _logger.info("no campaign %s in %s: left out", campaign.name, campaigns)
         return None
-    there = sorted(entry.name for entry in campaigns.iterdir()) if campaigns.is_dir() else []
+    present = sorted(entry.name for entry in campaigns.iterdir()) if campaigns.is_dir() else []
     msg = (
         f"{campaigns}: expected a campaign folder '{campaign.name}' or a table "
-        f"'{campaign.name}.parquet' or .csv, found {', '.join(there) or 'nothing'}; all names are "
-        f"{', '.join(own.name for own in CAMPAIGNS)}"
+        f"'{campaign.name}.parquet' or .csv, found {', '.join(present) or 'nothing'}; all names "
+        f"are {', '.join(known.name for known in CAMPAIGNS)}"
     )
     raise MissingFileError(msg)
 
 
 def _observed(
-    source: Path, folder: Path, campaign: StudyCampaign, progress: Callable[[int, int], None]
+    source: Path, folder: Path, campaign: StudyCampaign, progress: Progress
 ) -> tuple[ActiveSensor, ObservationTable]:
     recording = CampaignFolder(source)
     if (len(recording.sensor.cameras) > 1) != (campaign.sensor == "stereo"):
@@ -309,7 +315,8 @@ def _observed(
     path = table_path(folder, campaign.name, decisive)
     table = kept_table(path)
     if table is None:
-        table = observe_campaign(recording, progress=progress)
+        counted = _counted(campaign, progress)
+        table = observe_campaign(recording, progress=counted)
         table.write(path)
         seal_table(path)
     return recording.sensor, table

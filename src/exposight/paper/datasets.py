@@ -1,7 +1,8 @@
 """The datasets of the paper's Table 9, taken from the campaigns' observations.
 
 Several datasets come from one campaign: the exposure models' are the quality models' without the
-rows below p_norm 0.75 (Sect. 3.4.1), and test features are seen in the same views.
+rows below p_norm 0.75 (Sect. 3.4.1), and test features are seen in the same views. Names are plain:
+``eX_plusplus`` is ᵉX⁺⁺, and those of the stereo sensor begin with ``s2_``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import polars as pl
 
 from exposight.models import P_NORM_MIN
 from exposight.observing import ObservationTable
-from exposight.paper.results import Dataset, SensorKind
 from exposight.statistics import Split, inside_box, random_split, split_by_group
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exposight.paper.results import StudySettings
+    from exposight.paper.study_settings import SensorKind, StudySettings
 
 
 TRAINING: Final = ("f1", "f2", "f3", "f4")
@@ -38,6 +38,43 @@ POSE: Final = (*POSITION, "w_deg", "p_deg")
 _TRAIN_SHARE = 0.8
 _STEREO_TRAIN_SHARE = 0.2
 """Sect. 4.2.1: enough, of so many observations."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dataset:
+    """One row of the paper's Table 9: measured observations of one kind, and how they are split.
+
+    Parameters
+    ----------
+    name : str
+        ``X``, ``X_test``, ``eX``, ``eX_test``, ``eX_plus``, ``eX_plusplus``, ``X_lighting_I`` (II,
+        III), ``X_out``, and ``s2_X``, ``s2_X_test``, ``s2_eX``, ``s2_eX_test``, ``s2_X_out``.
+    title : str
+        For people.
+    sensor : {'structured-light', 'stereo'}
+        Which sensor measured it.
+    features : tuple of str
+        Requested features, including those of which no row is left.
+    p_norm_min : float or None
+        Rows below are left out (Sect. 3.4.1); None keeps all.
+    table : ObservationTable
+        All its rows, measured ones only.
+    train, validation : ObservationTable or None
+        The two sides of the random split, as in the paper; None for what nothing learns from.
+    train_by_view, validation_by_view : ObservationTable or None
+        The two sides of a split by whole views with the same share.
+    """
+
+    name: str
+    title: str
+    sensor: SensorKind
+    features: tuple[str, ...]
+    p_norm_min: float | None
+    table: ObservationTable
+    train: ObservationTable | None = None
+    validation: ObservationTable | None = None
+    train_by_view: ObservationTable | None = None
+    validation_by_view: ObservationTable | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

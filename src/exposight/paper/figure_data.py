@@ -29,12 +29,14 @@ from exposight.paper.predictions import (
     prediction_surfaces,
 )
 from exposight.paper.results import DependenceMatrix, LearningCurve
+from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.gp import Kernel
-    from exposight.paper.results import SensorKind, StudyResult
+    from exposight.paper.results import StudyResult
+    from exposight.paper.study_settings import SensorKind
 
 
 _OBSERVATIONS = 7
@@ -141,6 +143,7 @@ FigureData: TypeAlias = (
     | LearningCurve
 )
 
+_STAGE = "computing the figures"
 _LEAST_P_NORM_RANGE = 0.5
 """A quality curve that neither rises nor falls says little about a prediction (Fig. 11)."""
 
@@ -165,7 +168,7 @@ class StudyFigure:
 
 
 def study_figures(
-    result: StudyResult, progress: Callable[[int, int], None] | None = None
+    result: StudyResult, progress: Progress = ignore_progress
 ) -> tuple[StudyFigure, ...]:
     """Compute the arrays of Figs. 5, 10–17 and 20–26, those of the study's sensors.
 
@@ -173,8 +176,8 @@ def study_figures(
     ----------
     result : StudyResult
         The study; its models are asked, none is trained.
-    progress : callable, optional
-        Called with (figures done, figures in all).
+    progress : Progress
+        Receives the figures that are computed.
 
     Returns
     -------
@@ -188,11 +191,9 @@ def study_figures(
         wanted |= _stereo(result)
     figures: list[StudyFigure] = []
     for number, compute in sorted(wanted.items()):
-        if progress is not None:
-            progress(len(figures), len(wanted))
+        progress(_STAGE, len(figures), len(wanted))
         figures.append(_figure(number, compute))
-    if progress is not None:
-        progress(len(figures), len(wanted))
+    progress(_STAGE, len(figures), len(wanted))
     return tuple(figures)
 
 
@@ -231,12 +232,12 @@ def _structured_light(result: StudyResult) -> dict[int, Callable[[], FigureData]
             ("e_k6", result.variant("e_k6").model),
             result.dataset("X_test").table,
         ),
-        20: partial(_dependence, result, "X"),
+        20: partial(result.dependence_in, "X"),
         21: lambda: TrainingPositions(
             dataset="X", features=feature_positions(result.dataset("X").table)
         ),
-        22: partial(_learning_curve, result, "q_k4"),
-        23: partial(_learning_curve, result, "e_k6"),
+        22: partial(result.learning_curve, "q_k4"),
+        23: partial(result.learning_curve, "e_k6"),
         24: partial(_surfaces, result, "e_k6", kind),
     }
 
@@ -262,19 +263,3 @@ def _surfaces(result: StudyResult, variant: str, sensor: SensorKind) -> Predicti
 def _exposure_row(result: StudyResult, dataset: str, sensor: SensorKind) -> ExposureRow:
     curves = observed_curves(result.dataset(dataset).table)
     return ExposureRow(sensor=sensor, dataset=dataset, curves=nearest_row(curves))
-
-
-def _dependence(result: StudyResult, dataset: str) -> DependenceMatrix:
-    for own in result.dependence:
-        if own.dataset == dataset:
-            return own
-    msg = f"the study has no dependence matrix of {dataset}, which Fig. 20 shows"
-    raise InputError(msg)
-
-
-def _learning_curve(result: StudyResult, variant: str) -> LearningCurve:
-    for own in result.learning_curves:
-        if own.variant == variant:
-            return own
-    msg = f"the study has no learning curve of {variant}, which Figs. 22 and 23 show"
-    raise InputError(msg)

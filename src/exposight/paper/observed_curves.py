@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.observing import ObservationTable
-    from exposight.paper.results import SensorKind
+    from exposight.paper.study_settings import SensorKind
 
 
 _COLUMNS = ("exposure_ms", "i_avg", "p_norm", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from exposight.models import GaussianProcessModel
     from exposight.observing import ObservationTable
-    from exposight.paper.results import SensorKind
+    from exposight.paper.study_settings import SensorKind
 
 
 _SHOWN = 3

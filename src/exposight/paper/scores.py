@@ -1,4 +1,4 @@
-"""Trained variants held against every set of rows that the paper judges them by."""
+"""Scores: every trained variant evaluated on every set of rows that the paper judges it by."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.errors import ObservationError
-from exposight.models import Evaluation, GaussianProcessModel, evaluate
+from exposight.models import GaussianProcessModel, evaluate
 from exposight.paper.datasets import inside_range
-from exposight.paper.results import Score
+from exposight.paper.results import LearningCurve, LearningStep, Score
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from exposight.observing import ObservationTable
-    from exposight.paper.results import Dataset, EvaluationSet, Variant
+    from exposight.paper.datasets import Dataset
+    from exposight.paper.results import TrainedVariant
+    from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
 
 
 def score_variant(
     variant: Variant, model: GaussianProcessModel, datasets: Mapping[str, Dataset]
 ) -> tuple[Score, ...]:
-    """Judge a trained variant by all its lines.
+    """Evaluate a trained variant on all its sets of rows.
 
     Parameters
     ----------
     variant : Variant
-        What it is.
+        Its definition.
     model : GaussianProcessModel
         Trained on ``datasets[variant.dataset].train``.
     datasets : mapping of str to Dataset
@@ -37,70 +39,61 @@ def score_variant(
     tuple of Score
         In the order of ``variant.evaluations``.
     """
-    own = datasets[variant.dataset]
-    train = _known(own.train, own)
+    dataset = datasets[variant.dataset]
+    train = _side(dataset.train, dataset)
     by_view: GaussianProcessModel | None = None
     scores = []
     for line in variant.evaluations:
         judged = model
         if line.role == "validation_by_view":
-            if by_view is None:
-                by_view = reconditioned(model, _known(own.train_by_view, own))
+            # Other training rows change what a model knows; its few hyperparameters, fitted to a
+            # thousand rows of the same kind, would stay nearly the same.
+            rows = _side(dataset.train_by_view, dataset)
+            by_view = by_view or model.with_training_rows(rows)
             judged = by_view
-        rows = _rows(line, datasets, train)
-        scores.append(score_on(variant.name, line, judged, rows))
+        scores.append(score_on(line, judged, _rows(line, datasets, train)))
     return tuple(scores)
 
 
-def score_on(
-    variant: str, line: EvaluationSet, model: GaussianProcessModel, rows: ObservationTable
-) -> Score:
-    """Judge a model by rows.
+def score_on(line: EvaluationSet, model: GaussianProcessModel, rows: ObservationTable) -> Score:
+    """Evaluate a model on rows of its own kind (`ModelSpecification.rows`), if any is left."""
+    usable = len(model.specification.rows(rows)) > 0
+    return Score(evaluation=line, result=evaluate(model, rows) if usable else None)
+
+
+def learning_curve(
+    trained: TrainedVariant, role: EvaluationRole, fewer: Sequence[GaussianProcessModel]
+) -> LearningCurve | None:
+    """Evaluate models of one variant that were trained on fewer rows, and the one of all.
 
     Parameters
     ----------
-    variant : str
-        Its name.
-    line : EvaluationSet
-        What the rows are.
-    model : GaussianProcessModel
-        To be judged.
-    rows : ObservationTable
-        Of them, those that are of the model's kind are used (`ModelSpecification.rows`).
+    trained : TrainedVariant
+        Trained on all rows.
+    role : {'test', 'test_inside'}
+        Rows that evaluate every model: those of its score with this role.
+    fewer : sequence of GaussianProcessModel
+        By growing number of training rows.
 
     Returns
     -------
-    Score
-        Without figures where no row is left.
+    LearningCurve or None
+        None where there is no row to evaluate on.
     """
-    if len(model.specification.rows(rows)) == 0:
-        return Score(
-            variant=variant, evaluation=line, result=None, score=None, relative_error_percent=None
-        )
-    result = evaluate(model, rows)
-    return Score(
-        variant=variant,
-        evaluation=line,
-        result=result,
-        score=result.score,
-        relative_error_percent=_relative_error_percent(result),
+    line = next(score for score in trained.scores if score.evaluation.role == role)
+    if line.result is None:
+        return None
+    steps = [
+        LearningStep(n_train=model.n_observations, score=score)
+        for model in (*fewer, trained.model)
+        if (score := score_on(line.evaluation, model, line.result.table).score) is not None
+    ]
+    return LearningCurve(
+        variant=trained.variant.name,
+        dataset=line.evaluation.dataset,
+        role=line.evaluation.role,
+        steps=tuple(steps),
     )
-
-
-def reconditioned(model: GaussianProcessModel, rows: ObservationTable) -> GaussianProcessModel:
-    """Return a model with the same hyperparameters that has learnt from other rows.
-
-    Used for the split by view: which rows train changes what a model knows, while the handful of
-    hyperparameters, found from a thousand rows of the same kind, stay nearly the same.
-
-    Parameters
-    ----------
-    model : GaussianProcessModel
-        Whose hyperparameters to take.
-    rows : ObservationTable
-        To learn from.
-    """
-    return model.with_training_rows(rows)
 
 
 def _rows(
@@ -109,9 +102,9 @@ def _rows(
     dataset = datasets[line.dataset]
     match line.role:
         case "validation":
-            return _known(dataset.validation, dataset)
+            return _side(dataset.validation, dataset)
         case "validation_by_view":
-            return _known(dataset.validation_by_view, dataset)
+            return _side(dataset.validation_by_view, dataset)
         case _:
             table = dataset.table
     if line.features:
@@ -121,7 +114,8 @@ def _rows(
     return table
 
 
-def _known(table: ObservationTable | None, dataset: Dataset) -> ObservationTable:
+def _side(table: ObservationTable | None, dataset: Dataset) -> ObservationTable:
+    """Return one side of a dataset's split, which it must have."""
     if table is None:
         msg = (
             f"dataset {dataset.name!r} is not split, since it has {len(dataset.table)} "
@@ -129,11 +123,3 @@ def _known(table: ObservationTable | None, dataset: Dataset) -> ObservationTable
         )
         raise ObservationError(msg)
     return table
-
-
-def _relative_error_percent(result: Evaluation) -> float | None:
-    """Mean of |predicted − true| / true in percent, for exposure times, which are above 0."""
-    if result.model.target != "exposure_ms":
-        return None
-    error = np.abs(result.prediction.mean - result.observed) / result.observed
-    return float(100.0 * error.mean())

@@ -1,4 +1,4 @@
-"""The whole study: measure, train, judge. Every dataset and model is kept as soon as it is done.
+"""The whole study: measure, train, evaluate. Every dataset and model is kept as soon as it is done.
 
 ::
 
@@ -13,7 +13,6 @@ changed setting makes only what it changes.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -23,32 +22,21 @@ from exposight import __version__
 from exposight.errors import FileError
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect
-from exposight.paper.datasets import DATASETS, build_dataset
+from exposight.paper.datasets import DATASETS, Dataset, build_dataset
 from exposight.paper.findings import judge
-from exposight.paper.results import (
-    Dataset,
-    DependenceMatrix,
-    LearningCurve,
-    LearningStep,
-    SensorKind,
-    StudyResult,
-    StudySettings,
-    TrainedVariant,
-    Variant,
-)
-from exposight.paper.scores import score_on, score_variant
-from exposight.paper.special_findings import Evidence
-from exposight.paper.tables import build_tables
+from exposight.paper.results import DependenceMatrix, LearningCurve, StudyResult, TrainedVariant
+from exposight.paper.scores import learning_curve, score_variant
+from exposight.paper.study_settings import SensorKind, StudySettings
+from exposight.paper.tables import study_tables
 from exposight.paper.training import KeptTraining, table_checksum, train_or_read
-from exposight.paper.variants import LEARNING_CURVES, VARIANTS
+from exposight.paper.variants import LEARNING_CURVES, VARIANTS, Variant
 from exposight.statistics import maximal_information_matrix
+from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from exposight.cell import ActiveSensor
-    from exposight.models import GaussianProcessModel
-    from exposight.workers import Progress
 
 
 DEPENDENCE_COLUMNS: Final = (
@@ -76,18 +64,20 @@ their square; about as many as the paper's 912."""
 
 
 def run_study(
-    folder: Path, settings: StudySettings | None = None, progress: Progress | None = None
+    folder: Path,
+    settings: StudySettings | None = None,
+    progress: Progress = ignore_progress,
 ) -> StudyResult:
     """Carry out the paper's study; go on where an earlier run stopped.
 
     Parameters
     ----------
     folder : Path
-        Where observations and models are kept; made if it is not there.
+        Where observations and models are kept; made if it does not exist.
     settings : StudySettings, optional
         Which sensors, quick or in full, simulated or recorded, seed, workers.
-    progress : callable, optional
-        Called with (stage, done, total).
+    progress : Progress
+        Receives captures measured, models trained and evaluated, coefficients computed.
 
     Returns
     -------
@@ -97,137 +87,101 @@ def run_study(
     Raises
     ------
     ExposightError
-        As for `collect` and `train_all`: a missing or unfit recorded campaign, too few
+        As for `collect` and `train_or_read`: a missing or unfit recorded campaign, too few
         observations, a full disk.
     """
     settings = settings or StudySettings()
-    tell = progress or _silent
     observations, models = _make_folders(Path(folder))
-    observed = _measure(observations, settings, tell)
-    datasets = {
-        own.name: build_dataset(own, {k: o.table for k, o in observed.items()}, settings)
-        for own in DATASETS
-        if own.sensor in settings.sensors
+    observed = {
+        campaign.name: measured
+        for campaign in CAMPAIGNS
+        if campaign.sensor in settings.sensors
+        and (measured := collect(campaign, observations, settings, progress)) is not None
     }
-    variants = tuple(variant for variant in VARIANTS if _can_learn(datasets.get(variant.dataset)))
-    sensors = {o.campaign.sensor: o.sensor for o in observed.values() if o.campaign.required}
-    trained, curves = _train(variants, datasets, sensors, models, settings, tell)
-    tables = build_tables(tuple(datasets.values()), trained)
-    dependence = _dependence(datasets, settings, tell)
-    evidence = Evidence(
-        datasets=datasets,
-        variants={own.variant.name: own for own in trained},
-        dependence={datasets[own.dataset].sensor: own for own in dependence},
-        learning={curve.variant: curve for curve in curves},
-    )
-    return StudyResult(
+    tables = {name: measured.table for name, measured in observed.items()}
+    datasets = {
+        definition.name: build_dataset(definition, tables, settings)
+        for definition in DATASETS
+        if definition.sensor in settings.sensors
+    }
+    trained, curves = _train(datasets, _sensors(observed), models, settings, progress)
+    result = StudyResult(
         settings=settings,
         exposight_version=__version__,
-        campaigns=tuple(own.description for own in observed.values()),
+        campaigns=tuple(measured.description for measured in observed.values()),
         datasets=tuple(datasets.values()),
         variants=trained,
-        tables=tables,
-        dependence=dependence,
+        tables=study_tables(datasets.values(), trained),
+        dependence=_dependence(datasets, settings, progress),
         learning_curves=curves,
-        findings=judge(
-            tables.scores, evidence, settings.sensors, simulated=settings.campaigns is None
-        ),
     )
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """Tell nobody how far work is."""
+    return replace(result, findings=judge(result))
 
 
 def _make_folders(folder: Path) -> tuple[Path, Path]:
     folders = folder / "observations", folder / "models"
-    for own in folders:
+    for path in folders:
         try:
-            own.mkdir(parents=True, exist_ok=True)
+            path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            msg = f"{own} cannot be used for output: {error.strerror or error}"
+            msg = f"{path} cannot be used for output: {error.strerror or error}"
             raise FileError(msg) from error
     return folders
 
 
-def _measure(folder: Path, settings: StudySettings, tell: Progress) -> dict[str, ObservedCampaign]:
-    observed = {}
-    for campaign in CAMPAIGNS:
-        if campaign.sensor not in settings.sensors:
-            continue
-        own = collect(campaign, folder, settings, partial(tell, f"measuring {campaign.name}"))
-        if own is not None:
-            observed[campaign.name] = own
-    return observed
-
-
-def _can_learn(dataset: Dataset | None) -> bool:
-    return dataset is not None and dataset.train is not None
+def _sensors(observed: Mapping[str, ObservedCampaign]) -> dict[SensorKind, ActiveSensor]:
+    """Return the sensor of each kind, that of the required campaign."""
+    return {
+        item.campaign.sensor: item.sensor for item in observed.values() if item.campaign.required
+    }
 
 
 def _train(
-    variants: tuple[Variant, ...],
     datasets: Mapping[str, Dataset],
     sensors: Mapping[SensorKind, ActiveSensor],
     folder: Path,
     settings: StudySettings,
-    tell: Progress,
+    progress: Progress,
 ) -> tuple[tuple[TrainedVariant, ...], tuple[LearningCurve, ...]]:
     """Train the variants, and some of them on fewer rows, all in one go so that no worker waits."""
-    full = {variant.name: _training(variant, datasets, sensors, settings) for variant in variants}
-    fewer = {
-        name: tuple(_fewer(full[name], divisor, settings) for divisor in _LEARNING_DIVISORS)
-        for name, _ in LEARNING_CURVES
-        if name in full
+    full = {
+        variant: _training(variant, rows, sensors[variant.sensor], settings)
+        for variant in VARIANTS
+        if variant.dataset in datasets and (rows := datasets[variant.dataset].train) is not None
     }
-    trainings = (*full.values(), *(own for steps in fewer.values() for own in steps))
-    models = train_or_read(
-        trainings,
-        folder,
-        workers=settings.workers,
-        progress=tell,
-    )
-    by_training = dict(zip(map(id, trainings), models, strict=True))
-    trained = []
-    for done, variant in enumerate(variants):
-        tell("judging models", done, len(variants))
-        model = by_training[id(full[variant.name])]
+    fewer = {
+        variant: tuple(_fewer(full[variant], divisor, settings) for divisor in _LEARNING_DIVISORS)
+        for variant in full
+        if variant.name in LEARNING_CURVES
+    }
+    trainings = (*full.values(), *(item for steps in fewer.values() for item in steps))
+    trained_models = train_or_read(trainings, folder, workers=settings.workers, progress=progress)
+    models = dict(zip(map(id, trainings), trained_models, strict=True))
+    trained, curves = [], []
+    for done, (variant, training) in enumerate(full.items()):
+        progress("evaluating models", done, len(full))
+        model = models[id(training)]
+        scores = score_variant(variant, model, datasets)
         trained.append(
-            TrainedVariant(
-                variant=variant,
-                model=model,
-                path=full[variant.name].path(folder),
-                scores=score_variant(variant, model, datasets),
-            )
+            TrainedVariant(variant=variant, model=model, path=training.path(folder), scores=scores)
         )
-    tell("judging models", len(variants), len(variants))
-    curves = [
-        _learning_curve(
-            next(own for own in trained if own.variant.name == name),
-            role,
-            [by_training[id(own)] for own in fewer[name]],
-        )
-        for name, role in LEARNING_CURVES
-        if name in full
-    ]
-    return tuple(trained), tuple(curve for curve in curves if curve.steps)
+        steps = [models[id(step)] for step in fewer.get(variant, ())]
+        if steps and (curve := learning_curve(trained[-1], LEARNING_CURVES[variant.name], steps)):
+            curves.append(curve)
+    progress("evaluating models", len(full), len(full))
+    return tuple(trained), tuple(curves)
 
 
 def _training(
-    variant: Variant,
-    datasets: Mapping[str, Dataset],
-    sensors: Mapping[SensorKind, ActiveSensor],
-    settings: StudySettings,
+    variant: Variant, rows: ObservationTable, sensor: ActiveSensor, settings: StudySettings
 ) -> KeptTraining:
-    dataset = datasets[variant.dataset]
-    rows = dataset.train if dataset.train is not None else dataset.table
     return KeptTraining(
         name=variant.name,
         specification=variant.specification,
         table=rows,
         source=f"the study's dataset {variant.dataset}, training side",
         source_sha256=table_checksum(rows),
-        sensor=sensors[variant.sensor],
+        sensor=sensor,
         seed=settings.seed,
         restarts=_QUICK_RESTARTS if settings.quick else _RESTARTS,
         committee_rows=None,  # the paper's processes are exact
@@ -249,43 +203,21 @@ def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> Kep
     )
 
 
-def _learning_curve(
-    trained: TrainedVariant, role: str, models: list[GaussianProcessModel]
-) -> LearningCurve:
-    whole = next(own for own in trained.scores if own.evaluation.role == role)
-    steps = []
-    if whole.result is not None and whole.score is not None:
-        for model in models:
-            score = score_on(
-                trained.variant.name, whole.evaluation, model, whole.result.table
-            ).score
-            if score is not None:
-                steps.append(LearningStep(n_train=model.n_observations, score=score))
-        steps.append(LearningStep(n_train=trained.model.n_observations, score=whole.score))
-    return LearningCurve(
-        variant=trained.variant.name,
-        dataset=whole.evaluation.dataset,
-        role=whole.evaluation.role,
-        steps=tuple(steps),
-    )
-
-
 def _dependence(
-    datasets: Mapping[str, Dataset], settings: StudySettings, tell: Progress
+    datasets: Mapping[str, Dataset], settings: StudySettings, progress: Progress
 ) -> tuple[DependenceMatrix, ...]:
     matrices = []
     for name in ("X", "s2_X"):
-        dataset = datasets.get(name)
-        if dataset is None or dataset.train is None:
+        table = datasets[name].train if name in datasets else None
+        if table is None:
             continue
-        table = dataset.train
         if len(table) > _DEPENDENCE_ROWS:
             every = np.linspace(0, len(table) - 1, _DEPENDENCE_ROWS).round().astype(np.intp)
             table = ObservationTable(frame=table.frame[every])
         values = maximal_information_matrix(
             table.array(DEPENDENCE_COLUMNS),
             threads=settings.workers,
-            progress=lambda _, done, n, name=name: tell(f"dependence in {name}", done, n),
+            progress=lambda _, done, n, name=name: progress(f"dependence in {name}", done, n),
         )
         matrices.append(DependenceMatrix(dataset=name, columns=DEPENDENCE_COLUMNS, values=values))
     return tuple(matrices)

@@ -1,35 +1,37 @@
-"""Tables 2, 3, 4, 5, 6, 8 and 9 of the paper: ours, the paper's, and the difference."""
+"""Tables 2, 3, 4, 5, 6, 8 and 9 of the paper: ours, the paper's, and the difference.
+
+The paper's figures are data of the package: facts, copied from its tables. ``data/scores.csv``
+holds Tables 2 to 6, ``data/hyperparameters.csv`` Table 8 (a product's variances multiplied, since
+only that matters), ``data/datasets.csv`` Table 9.
+"""
 
 from __future__ import annotations
 
 import csv
-import io
 import math
-from dataclasses import asdict, dataclass
+import operator
+from dataclasses import asdict
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import polars as pl
 
 from exposight.gp import gpy_length_scale
-from exposight.observing import ObservationTable
-from exposight.paper.results import (
-    Dataset,
-    DatasetRow,
-    HyperparameterRow,
-    ScoreRow,
-    StudyTables,
-    TrainedVariant,
-)
+from exposight.paper.results import StudyTables
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
 
-    from exposight.models import GaussianProcessModel, Hyperparameter
-    from exposight.paper.results import Score
+    from exposight.models import Hyperparameter
+    from exposight.observing import ObservationTable
+    from exposight.paper.datasets import Dataset
+    from exposight.paper.results import Score, StudyResult, TrainedVariant
 
+
+RANGES: Final = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
+"""Columns of which Table 9 prints the range; r is 0 throughout."""
 
 _SYMBOLS = {
     "variance": "σ²",
@@ -44,260 +46,17 @@ _PLANES = (("near", -math.inf, -85.0), ("middle", -85.0, 75.0), ("far", 75.0, ma
 """Depth planes of X in z_mm, cut midway between Table 9's ranges."""
 
 
-def build_tables(datasets: Sequence[Dataset], variants: Sequence[TrainedVariant]) -> StudyTables:
-    """Return all tables.
-
-    Parameters
-    ----------
-    datasets : sequence of Dataset
-        For Table 9, in its order.
-    variants : sequence of TrainedVariant
-        For the others, in their order.
-    """
-    return StudyTables(
-        scores=score_rows(variants),
-        hyperparameters=tuple(row for variant in variants for row in hyperparameter_rows(variant)),
-        datasets=tuple(row for dataset in datasets for row in dataset_rows(dataset)),
-    )
-
-
-def score_rows(variants: Sequence[TrainedVariant]) -> tuple[ScoreRow, ...]:
-    """Return Tables 2 to 6, one after the other."""
-    rows = [_score_row(trained, score) for trained in variants for score in trained.scores]
-    return tuple(sorted(rows, key=lambda row: row.table))  # sorting keeps the order within each
-
-
-def _score_row(trained: TrainedVariant, score: Score) -> ScoreRow:
-    variant, line, own = trained.variant, score.evaluation, score.score
-    paper = published_scores().get((variant.name, line.paper_dataset, line.paper_features))
-    full_scale = 100.0 if variant.unit == "%" else 1.0  # p_norm is tabulated in percent
-    r2 = None if own is None or math.isnan(own.r2_percent) else own.r2_percent
-    rmse = None if own is None else full_scale * own.rmse
-    return ScoreRow(
-        table=line.table,
-        variant=variant.name,
-        variant_title=variant.title,
-        trained_on=variant.dataset,
-        n_train=trained.model.n_observations,
-        dataset=line.paper_dataset,
-        role=line.role,
-        features=line.paper_features,
-        n=0 if own is None else own.n,
-        unit=variant.unit,
-        r2_percent=r2,
-        mse=None if own is None else own.mse,
-        rmse=rmse,
-        mae=None if own is None else full_scale * own.mae,
-        relative_error_percent=score.relative_error_percent,
-        coverage_1sigma_percent=_percent(own.coverage_1sigma if own else None),
-        coverage_2sigma_percent=_percent(own.coverage_2sigma if own else None),
-        paper_r2_percent=paper.r2_percent if paper else None,
-        paper_mse=paper.mse if paper else None,
-        paper_rmse=paper.rmse if paper else None,
-        r2_difference=r2 - paper.r2_percent if paper and r2 is not None else None,
-        rmse_difference=rmse - paper.rmse if paper and rmse is not None else None,
-    )
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share
-
-
-def hyperparameter_rows(trained: TrainedVariant) -> tuple[HyperparameterRow, ...]:
-    """Return a variant's lines of Table 8, the noise variance last.
-
-    Length scales of rational quadratic kernels are GPy's, ℓ √α, as in the paper.
-    """
-    model, variant = trained.model, trained.variant
-    *parameters, noise_variance = model.hyperparameters()
-    alpha = next((each.value for each in parameters if each.quantity == "alpha"), None)
-    rows = [
-        _hyperparameter_row(variant.name, each, model, alpha)
-        for each in parameters
-        if each.remark != "fixed"
-    ]
-    target = "ms" if variant.unit == "ms" else ""
-    noise = HyperparameterRow(
-        variant=variant.name,
-        parameter="noise_variance",
-        symbol=_SYMBOLS["noise_variance"],
-        input="",
-        unit=f"{target}²" if target else "",
-        value=noise_variance.value,
-        paper_value=published_hyperparameters().get((variant.name, "noise_variance", "")),
-        at_bound=noise_variance.remark == "at limit",
-    )
-    return (*rows, noise)
-
-
-def _hyperparameter_row(
-    variant: str, own: Hyperparameter, model: GaussianProcessModel, alpha: float | None
-) -> HyperparameterRow:
-    quantity = own.quantity
-    target = "ms" if model.target == "exposure_ms" else ""
-    name, unit, value = "", "", own.value
-    if quantity in {"length_scale", "slope_variance"}:
-        name = own.inputs[0] if len(own.inputs) == 1 else "all"
-        # One length scale of several inputs serves mm, degrees and grey levels at once.
-        unit = "mixed" if name == "all" else _UNITS[name.rsplit("_", 1)[1]]
-    match quantity:
-        case "length_scale" if alpha is not None:
-            value = gpy_length_scale(own.value, alpha=alpha)
-        case "variance":
-            unit = f"{target}²" if target else ""
-        case "slope_variance":
-            unit = f"(ms/{unit})²" if unit else "ms²"
-    return HyperparameterRow(
-        variant=variant,
-        parameter=quantity,
-        symbol=_SYMBOLS[quantity],
-        input=name,
-        unit=unit,
-        value=value,
-        paper_value=published_hyperparameters().get((variant, quantity, name)),
-        at_bound=own.remark == "at limit",
-    )
-
-
-def dataset_rows(dataset: Dataset) -> tuple[DatasetRow, ...]:
-    """Return a dataset's lines of Table 9: for X its three depth planes, then all of it."""
-    table = dataset.table
-    rows = []
-    if dataset.name == "X":
-        z_mm = table.array(["z_mm"])[:, 0]
-        rows = [
-            _dataset_row(dataset, f"X {name}", table.where((z_mm >= low) & (z_mm < high)))
-            for name, low, high in _PLANES
-        ]
-    own = _dataset_row(
-        dataset,
-        dataset.name,
-        table,
-        n_train=None if dataset.train is None else len(dataset.train),
-        n_validation=None if dataset.validation is None else len(dataset.validation),
-    )
-    return (*rows, own)
-
-
-def _dataset_row(
-    dataset: Dataset,
-    name: str,
-    table: ObservationTable,
-    *,
-    n_train: int | None = None,
-    n_validation: int | None = None,
-) -> DatasetRow:
-    paper = published_datasets()[name]
-    ranges = {column: _range(table, column) for column in RANGES}
-    paper_ranges = {f"paper_{column}": paper.ranges.get(column) for column in RANGES}
-    return DatasetRow(
-        dataset=name,
-        sensor=dataset.sensor,
-        features=paper.features,
-        n=len(table),
-        n_train=n_train,
-        n_validation=n_validation,
-        n_features=len(set(table.names("feature"))),
-        n_views=len(set(table.names("view"))),
-        paper_n=paper.n,
-        paper_n_train=paper.n_train,
-        **ranges,
-        **paper_ranges,
-    )
-
-
-def _range(table: ObservationTable, column: str) -> tuple[float, float] | None:
-    if len(table) == 0:
-        return None
-    values = table.array([column])
-    return float(np.min(values)), float(np.max(values))
-
-
-def table_csv(rows: Sequence[ScoreRow | HyperparameterRow | DatasetRow]) -> bytes:
-    """Return rows of one kind as CSV with a header; ranges become two columns, low and high.
-
-    Numbers are written so that reading them gives the same ones; what there is not is empty.
-    """
-    records = [_flat(asdict(row)) for row in rows]
-    names = list(dict.fromkeys(name for record in records for name in record))
-    columns = {name: [record.get(name) for record in records] for name in names}
-    buffer = io.BytesIO()
-    pl.DataFrame(columns, strict=False).write_csv(buffer)
-    return buffer.getvalue()
-
-
-def _flat(record: dict[str, object]) -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for name, value in record.items():
-        if name.removeprefix("paper_") in RANGES:
-            low, high = value if isinstance(value, tuple) else (None, None)
-            flat |= {f"{name}_low": low, f"{name}_high": high}
-        else:
-            flat[name] = value
-    return flat
-
-
-RANGES = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-"""Columns of which Table 9 prints the range; r is 0 throughout."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PublishedScore:
-    """A line of Tables 2 to 6.
-
-    Parameters
-    ----------
-    table : int
-        Its number.
-    variant, dataset, features : str
-        As the paper names kernel, evaluation dataset and features, written plainly.
-    r2_percent, mse, rmse : float
-        MSE in squared units of the target; RMSE in percent of full scale, or in ms.
-    """
-
-    table: int
-    variant: str
-    dataset: str
-    features: str
-    r2_percent: float
-    mse: float
-    rmse: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class PublishedDataset:
-    """A line of Table 9.
-
-    Parameters
-    ----------
-    dataset, features : str
-        As the paper names them, written plainly.
-    n, n_train : int or None
-        Observations, and those trained on, where it says.
-    ranges : dict of str to (float, float)
-        Least and greatest value of each of `RANGES` that is printed.
-    """
-
-    dataset: str
-    features: str
-    n: int
-    n_train: int | None
-    ranges: dict[str, tuple[float, float]]
-
-
 @cache
-def published_scores() -> dict[tuple[str, str, str], PublishedScore]:
-    """Return Tables 2 to 6 by variant, dataset and features."""
+def published_scores() -> dict[tuple[str, str, str], dict[str, float]]:
+    """Return Tables 2 to 6 by variant, dataset and features, written plainly.
+
+    Each line has ``table``, ``r2_percent``, ``mse`` in squared units of the target, and ``rmse`` in
+    percent of full scale, or in ms.
+    """
     return {
-        (row["model"], row["dataset"], row["features"]): PublishedScore(
-            table=int(row["table"]),
-            variant=row["model"],
-            dataset=row["dataset"],
-            features=row["features"],
-            r2_percent=float(row["r2_percent"]),
-            mse=float(row["mse"]),
-            rmse=float(row["rmse"]),
-        )
+        (row["variant"], row["dataset"], row["features"]): {
+            name: float(row[name]) for name in ("table", "r2_percent", "mse", "rmse")
+        }
         for row in _rows("scores.csv")
     }
 
@@ -317,24 +76,173 @@ def published_hyperparameters() -> dict[tuple[str, str, str], float]:
 
 
 @cache
-def published_datasets() -> dict[str, PublishedDataset]:
-    """Return Table 9 by dataset."""
-    return {
-        row["dataset"]: PublishedDataset(
-            dataset=row["dataset"],
-            features=row["features"],
-            n=int(row["n"]),
-            n_train=int(row["n_train"]) if row["n_train"] else None,
-            ranges={
-                name: (float(row[f"{name}_low"]), float(row[f"{name}_high"]))
-                for name in RANGES
-                if row[f"{name}_low"]
-            },
-        )
-        for row in _rows("datasets.csv")
-    }
+def published_datasets() -> dict[str, dict[str, str]]:
+    """Return Table 9's lines by dataset; cells are empty where the paper prints nothing."""
+    return {row["dataset"]: row for row in _rows("datasets.csv")}
 
 
 def _rows(name: str) -> Iterator[dict[str, str]]:
     text = files("exposight.paper").joinpath("data", name).read_text(encoding="utf-8")
     yield from csv.DictReader(text.splitlines())
+
+
+def study_tables(datasets: Iterable[Dataset], variants: Iterable[TrainedVariant]) -> StudyTables:
+    """Return all tables.
+
+    Parameters
+    ----------
+    datasets : iterable of Dataset
+        For Table 9, in its order.
+    variants : iterable of TrainedVariant
+        For the others, in their order.
+    """
+    variants = tuple(variants)
+    return StudyTables(
+        scores=score_table(variants),
+        hyperparameters=hyperparameter_table(variants),
+        datasets=dataset_table(datasets),
+    )
+
+
+def table_files(result: StudyResult) -> dict[str, bytes]:
+    """Return the study's tables and findings as CSV files with a header, by the files' names.
+
+    Numbers are written so that reading them gives the same ones; null is empty.
+    """
+    scores = result.tables.scores
+    numbers = scores["table"].unique().sort() if len(scores) else ()
+    frames = {f"table-{number}": scores.filter(pl.col("table") == number) for number in numbers}
+    frames["table-8"] = result.tables.hyperparameters
+    frames["table-9"] = result.tables.datasets
+    frames["findings"] = _frame(map(asdict, result.findings))
+    return {f"{name}.csv": frame.write_csv().encode() for name, frame in frames.items()}
+
+
+def _frame(rows: Iterable[Mapping[str, object]]) -> pl.DataFrame:
+    return pl.DataFrame(list(rows), infer_schema_length=None)
+
+
+def score_table(variants: Iterable[TrainedVariant]) -> pl.DataFrame:
+    """Return Tables 2 to 6, one after the other (`StudyTables`)."""
+    rows = [_score_row(trained, score) for trained in variants for score in trained.scores]
+    return _frame(sorted(rows, key=operator.itemgetter("table")))  # keeps their order
+
+
+def _score_row(trained: TrainedVariant, line: Score) -> dict[str, object]:
+    variant, rows, score = trained.variant, line.evaluation, line.score
+    paper = published_scores().get((variant.name, rows.paper_dataset, rows.paper_features), {})
+    full_scale = 100.0 if variant.unit == "%" else 1.0  # p_norm is tabulated in percent
+    r2 = None if score is None or math.isnan(score.r2_percent) else score.r2_percent
+    rmse = None if score is None else full_scale * score.rmse
+    return {
+        "table": rows.table,
+        "variant": variant.name,
+        "variant_title": variant.title,
+        "trained_on": variant.dataset,
+        "n_train": trained.model.n_observations,
+        "dataset": rows.paper_dataset,
+        "role": rows.role,
+        "features": rows.paper_features,
+        "n": 0 if score is None else score.n,
+        "unit": variant.unit,
+        "r2_percent": r2,
+        "mse": None if score is None else score.mse,
+        "rmse": rmse,
+        "mae": None if score is None else full_scale * score.mae,
+        "relative_error_percent": line.relative_error_percent,
+        "coverage_1sigma_percent": _percent(score.coverage_1sigma if score else None),
+        "coverage_2sigma_percent": _percent(score.coverage_2sigma if score else None),
+        **{f"paper_{name}": paper.get(name) for name in ("r2_percent", "mse", "rmse")},
+        "r2_difference": r2 - paper["r2_percent"] if paper and r2 is not None else None,
+        "rmse_difference": rmse - paper["rmse"] if paper and rmse is not None else None,
+    }
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
+
+
+def hyperparameter_table(variants: Iterable[TrainedVariant]) -> pl.DataFrame:
+    """Return Table 8 (`StudyTables`): of each variant the noise variance last."""
+    return _frame(row for trained in variants for row in _hyperparameter_rows(trained))
+
+
+def _hyperparameter_rows(trained: TrainedVariant) -> Iterator[dict[str, object]]:
+    variant, model = trained.variant.name, trained.model
+    items = model.hyperparameters()
+    alpha = next((item.value for item in items if item.quantity == "alpha"), None)
+    squared = "ms²" if model.target == "exposure_ms" else ""
+    for item in items:
+        if item.remark == "fixed":
+            continue
+        column, unit = _input_and_unit(item, squared)
+        value = item.value
+        if item.quantity == "length_scale" and alpha is not None:
+            value = gpy_length_scale(value, alpha=alpha)
+        yield {
+            "variant": variant,
+            "parameter": item.quantity,
+            "symbol": _SYMBOLS[item.quantity],
+            "input": column,
+            "unit": unit,
+            "value": value,
+            "paper_value": published_hyperparameters().get((variant, item.quantity, column)),
+            "at_bound": item.remark == "at limit",
+        }
+
+
+def _input_and_unit(item: Hyperparameter, squared: str) -> tuple[str, str]:
+    """Return the column that a hyperparameter belongs to, if any, and its unit."""
+    if item.quantity not in {"length_scale", "slope_variance"}:
+        return "", "" if item.quantity == "alpha" else squared
+    if len(item.inputs) > 1:  # one length scale serves mm, degrees and grey levels at once
+        return "all", "mixed"
+    (column,) = item.inputs
+    unit = _UNITS[column.rsplit("_", 1)[1]]
+    if item.quantity == "slope_variance":
+        unit = f"(ms/{unit})²" if unit else "ms²"
+    return column, unit
+
+
+def dataset_table(datasets: Iterable[Dataset]) -> pl.DataFrame:
+    """Return Table 9 (`StudyTables`): of X its three depth planes, then all of it."""
+    return _frame(row for dataset in datasets for row in _dataset_rows(dataset))
+
+
+def _dataset_rows(dataset: Dataset) -> Iterator[dict[str, object]]:
+    if dataset.name == "X":
+        z_mm = dataset.table.array(["z_mm"])[:, 0]
+        for plane, low, high in _PLANES:
+            rows = dataset.table.where((z_mm >= low) & (z_mm < high))
+            yield _dataset_row(dataset, f"X {plane}", rows)
+    sides = {"n_train": dataset.train, "n_validation": dataset.validation}
+    counts = {name: None if side is None else len(side) for name, side in sides.items()}
+    yield _dataset_row(dataset, dataset.name, dataset.table) | counts
+
+
+def _dataset_row(dataset: Dataset, name: str, table: ObservationTable) -> dict[str, object]:
+    paper = published_datasets()[name]
+    return {
+        "dataset": name,
+        "sensor": dataset.sensor,
+        "features": paper["features"],
+        "n": len(table),
+        "n_train": None,
+        "n_validation": None,
+        "n_features": len(set(table.names("feature"))),
+        "n_views": len(set(table.names("view"))),
+        **{f"{column}_{end}": value for column in RANGES for end, value in _range(table, column)},
+        "paper_n": int(paper["n"]),
+        "paper_n_train": int(paper["n_train"]) if paper["n_train"] else None,
+        **{
+            f"paper_{column}_{end}": float(text) if (text := paper[f"{column}_{end}"]) else None
+            for column in RANGES
+            for end in ("low", "high")
+        },
+    }
+
+
+def _range(table: ObservationTable, column: str) -> Iterator[tuple[str, float | None]]:
+    values = table.array([column])
+    yield "low", float(np.min(values)) if len(values) else None
+    yield "high", float(np.max(values)) if len(values) else None

@@ -2,24 +2,32 @@
 
 Sects. 3.3 and 3.4 of the paper add one thing after the other to a model; Sect. 4 takes the best of
 them to other lighting, another sensor and other finishes. All lines of Tables 2 to 6 are here, and
-beside every validation on a random split one on a split by whole views.
+beside every validation on a random split one on a split by whole views. Names are plain:
+``e_k6_star`` is ᵉk₆*, and those of the stereo sensor end with ``_s2``.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 from exposight.models import model_named, product_kernel
 from exposight.paper.datasets import OUTSIDE, POSE, POSITION
-from exposight.paper.results import EvaluationSet, SensorKind, Variant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from exposight.models import ModelSpecification
-    from exposight.paper.results import EvaluationRole
+    from exposight.paper.study_settings import SensorKind
 
+
+EvaluationRole = Literal["validation", "validation_by_view", "test", "test_inside", "extended"]
+"""How evaluation rows relate to those trained on.
+
+``validation``: the rest of the random split, as in the paper. ``validation_by_view``: the rest of a
+split by whole views. ``test``: unseen features. ``test_inside``: of these, the rows inside the
+training rows' box in x, y, z, w, p (the paper's "test,i"). ``extended``: Sects. 4.1 and 4.3.
+"""
 
 _Test: TypeAlias = Literal["test", "test_inside"]
 
@@ -32,6 +40,71 @@ _FINISHES = (
     ("f4-5_out", OUTSIDE[3:]),
 )
 """Features by finish (Sect. 4.3.1): all, then the three groups."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationSet:
+    """Rows on which a variant is evaluated: one line of Tables 2 to 6.
+
+    Parameters
+    ----------
+    table : int
+        The paper's table, 2 to 6.
+    dataset : str
+        Name of the `Dataset` that the rows come from; for validation the variant's own.
+    role : str
+        See `EvaluationRole`.
+    paper_dataset : str
+        As in the paper's table, for instance ``eX6_val_plusplus``.
+    features : tuple of str
+        Only these; empty for all of the dataset's.
+    paper_features : str
+        As in the paper's table, for instance ``f1-4_test``.
+    inside : tuple of str
+        Only rows inside the training rows' range in these columns, at the resolution of Table 9,
+        whole mm and degrees; empty for all rows.
+    """
+
+    table: int
+    dataset: str
+    role: EvaluationRole
+    paper_dataset: str
+    paper_features: str
+    features: tuple[str, ...] = ()
+    inside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """A model of the study: its form, the dataset it learns from, the rows that evaluate it.
+
+    Parameters
+    ----------
+    name : str
+        As the paper names the kernel: ``q_k4``, ``e_k4_plus``, ``e_k6_plusplus``, ``q_k4_s2``, …
+    title : str
+        For people.
+    sensor : {'structured-light', 'stereo'}
+        Which sensor's.
+    specification : ModelSpecification
+        Target, inputs and kernel.
+    dataset : str
+        Name of the dataset whose training side it learns from.
+    evaluations : tuple of EvaluationSet
+        In the order of the paper's tables.
+    """
+
+    name: str
+    title: str
+    sensor: SensorKind
+    specification: ModelSpecification
+    dataset: str
+    evaluations: tuple[EvaluationSet, ...]
+
+    @property
+    def unit(self) -> Literal["%", "ms"]:
+        """Unit of RMSE and MAE in tables: percent of full scale for p_norm, ms for exposures."""
+        return "%" if self.specification.target == "p_norm" else "ms"
 
 
 def _variant(
@@ -236,5 +309,5 @@ def _stereo() -> tuple[Variant, ...]:
 VARIANTS: Final = (*_quality(), *_exposure_time(), *_stereo())
 """All variants, in the order of Tables 2, 3 and 5."""
 
-LEARNING_CURVES: Final = (("q_k4", "test"), ("e_k6", "test_inside"))
-"""Variants whose learning curves are Figs. 22 and 23, and the rows that judge them."""
+LEARNING_CURVES: Final[Mapping[str, EvaluationRole]] = {"q_k4": "test", "e_k6": "test_inside"}
+"""Variants whose learning curves are Figs. 22 and 23, and the rows that evaluate them."""

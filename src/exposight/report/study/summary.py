@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace as Row
 from typing import TYPE_CHECKING
 
 from exposight.report.cards import Card, Key, cards
@@ -12,7 +13,7 @@ from exposight.report.study.words import prose
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from exposight.paper import EvaluationRole, ScoreRow, StudyResult
+    from exposight.paper import EvaluationRole, StudyResult
 
 
 def summary_html(result: StudyResult) -> str:
@@ -49,16 +50,16 @@ def _cards(result: StudyResult) -> Iterator[Card]:
         yield Card(title=title, keys=tuple(keys))
 
 
-def _rows(result: StudyResult, variant: str, role: EvaluationRole | str) -> list[ScoreRow]:
+def _rows(result: StudyResult, variant: str, role: EvaluationRole | str) -> list[Row]:
     """Return the lines of Tables 2, 3 and 5 that have this variant and role, and any rows."""
     return [
         row
-        for row in result.tables.scores
+        for row in (Row(**cells) for cells in result.tables.scores.iter_rows(named=True))
         if row.variant == variant and row.role == role and row.table in {2, 3, 5} and row.n
     ]
 
 
-def _rmse_key(row: ScoreRow) -> Key:
+def _rmse_key(row: Row) -> Key:
     paper = ""
     if row.paper_rmse is not None:
         paper = f", the paper {exact(row.paper_rmse, number(row.paper_rmse))} {row.unit}"

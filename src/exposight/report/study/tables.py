@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import groupby
+from types import SimpleNamespace as Row
 from typing import TYPE_CHECKING
 
 from exposight.quantities import quantity
@@ -20,12 +21,9 @@ from exposight.report.markup import (
 from exposight.report.quantities import column_name
 
 if TYPE_CHECKING:
-    from exposight.paper import (
-        DatasetRow,
-        HyperparameterRow,
-        ScoreRow,
-        StudyResult,
-    )
+    import polars as pl
+
+    from exposight.paper import StudyResult
 
 
 _TITLES = {
@@ -56,14 +54,18 @@ _SHORT_UNITS = {**{name: quantity(name).unit for name in _RANGES}, "i_avg": "0�
 
 def score_tables(result: StudyResult) -> str:
     """Return Tables 2 to 6, as far as the study has them."""
-    numbers = sorted({row.table for row in result.tables.scores})
+    rows = _rows(result.tables.scores)
     return "".join(
-        _score_tables_of(own, [row for row in result.tables.scores if row.table == own])
-        for own in numbers
+        _score_tables_of(number_, [row for row in rows if row.table == number_])
+        for number_ in sorted({row.table for row in rows})
     )
 
 
-def _score_tables_of(number_: int, rows: list[ScoreRow]) -> str:
+def _rows(frame: pl.DataFrame) -> list[Row]:
+    return [Row(**row) for row in frame.iter_rows(named=True)]
+
+
+def _score_tables_of(number_: int, rows: list[Row]) -> str:
     """Return one of the paper's tables, in two where it has models of both targets."""
     units = list(dict.fromkeys(row.unit for row in rows))
     parts = []
@@ -76,7 +78,7 @@ def _score_tables_of(number_: int, rows: list[ScoreRow]) -> str:
     return "".join(parts)
 
 
-def _score_table(rows: list[ScoreRow], unit: str, *, name: str, title: str) -> str:
+def _score_table(rows: list[Row], unit: str, *, name: str, title: str) -> str:
     relative = any(row.relative_error_percent is not None for row in rows)
     shown = []
     before = ""
@@ -98,7 +100,7 @@ def _score_table(rows: list[ScoreRow], unit: str, *, name: str, title: str) -> s
     )
 
 
-def _by_view_note(rows: list[ScoreRow]) -> str:
+def _by_view_note(rows: list[Row]) -> str:
     if not any(row.role == "validation_by_view" for row in rows):
         return ""
     return (
@@ -122,7 +124,7 @@ def _score_headings(unit: str, *, relative: bool) -> tuple[Heading, ...]:
     )
 
 
-def _score_cells(row: ScoreRow, *, first: bool, relative: bool) -> list[str]:
+def _score_cells(row: Row, *, first: bool, relative: bool) -> list[str]:
     model = (
         f'{model_code(row.variant)}<span class="under">{escape(row.trained_on)}, '
         f"{count_cell(row.n_train)}</span>"
@@ -150,7 +152,7 @@ def _score_cells(row: ScoreRow, *, first: bool, relative: bool) -> list[str]:
     ]
 
 
-def _judged_by(row: ScoreRow) -> str:
+def _judged_by(row: Row) -> str:
     """Return in words what a line is judged by, and beneath the paper's name for it, if any."""
     name = "" if row.role == "validation_by_view" else f"<code>{escape(row.dataset)}</code> "
     words = _ROLES[row.role] or escape(row.dataset)
@@ -171,7 +173,9 @@ def hyperparameter_table(result: StudyResult) -> str:
         Heading(text="the paper’s", is_text=True),
     )
     rows = []
-    for variant, group in groupby(result.tables.hyperparameters, key=lambda own: own.variant):
+    for variant, group in groupby(
+        _rows(result.tables.hyperparameters), key=lambda row: row.variant
+    ):
         own = list(group)
         rows.append(
             [
@@ -194,7 +198,7 @@ def hyperparameter_table(result: StudyResult) -> str:
     return table(headings, rows, name="table-8", caption=caption)
 
 
-def _hyperparameter(row: HyperparameterRow, value: float | None, at_bound: bool) -> str:
+def _hyperparameter(row: Row, value: float | None, at_bound: bool) -> str:
     of = f"({column_name(row.input)})" if row.input else ""
     note = " <b>†</b>" if at_bound else ""
     shown = with_unit(exact(value, number(value)), row.unit)
@@ -211,7 +215,7 @@ def dataset_table(result: StudyResult) -> str:
         Heading(text="train"),
         *(Heading(text=f"{column_name(name)}, {_SHORT_UNITS[name]}") for name in _RANGES),
     )
-    rows = [_dataset_cells(row) for row in result.tables.datasets]
+    rows = [_dataset_cells(row) for row in _rows(result.tables.datasets)]
     caption = (
         "<b>Table 9. What was obtained.</b> Ranges from the least to the greatest value; beneath, "
         "grey, the paper’s. Views in which at least one feature was measured."
@@ -220,17 +224,14 @@ def dataset_table(result: StudyResult) -> str:
     return f'<div class="ranges">{body}</div>\n'
 
 
-def _dataset_cells(row: DatasetRow) -> list[str]:
+def _dataset_cells(row: Row) -> list[str]:
     return [
         escape(row.dataset),
         f'{_features(row.features)}<span class="under">{row.n_features} seen</span>',
         count_cell(row.n_views),
         _pair(_count(row.n), _count(row.paper_n)),
         _pair(_count(row.n_train), _count(row.paper_n_train)),
-        *(
-            _pair(_range(getattr(row, own)), _range(getattr(row, f"paper_{own}")))
-            for own in _RANGES
-        ),
+        *(_pair(_range(row, own), _range(row, f"paper_{own}")) for own in _RANGES),
     ]
 
 
@@ -242,8 +243,9 @@ def _count(value: int | None) -> str:
     return "–" if value is None else count_cell(value)
 
 
-def _range(ends: tuple[float, float] | None) -> str:
-    if ends is None:
+def _range(row: Row, column: str) -> str:
+    ends = [getattr(row, f"{column}_{end}") for end in ("low", "high")]
+    if None in ends:
         return "–"
     low, high = (exact(end, f"{end:.3g}".replace("-", "−")) for end in ends)
     return f"{low} … {high}"
