@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from exposight.errors import InputError
-from exposight.models import Evaluation, ModelPrediction
+from exposight.models import Evaluation, Prediction
 from exposight.observing import ObservationTable
 from exposight.paper import (
     Dataset,
@@ -211,10 +211,10 @@ def predicted(
                     table=2, dataset=dataset, role=role, paper_dataset="", paper_features=""
                 ),
                 result=Evaluation(
-                    specification=own.specification,
+                    model=own.specification,
                     table=table,
                     observed=observed,
-                    prediction=ModelPrediction(
+                    prediction=Prediction(
                         mean=mean, std=np.ones(len(mean)), inside=np.ones(len(mean), dtype=np.bool_)
                     ),
                     score=score(observed, mean),

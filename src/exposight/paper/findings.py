@@ -257,14 +257,12 @@ def _far_over_nearer(study: StudyResult, _: SensorKind) -> float | None:
 
 
 def _left_over_right(study: StudyResult, _: SensorKind) -> float:
-    trained = study.variant("e_k6")
+    model = study.variant("e_k6").model
     values = {"i_avg": 75.0, "z_mm": 0.0, "w_deg": 0.0, "p_deg": 0.0}
 
     def mean_ms(x_mm: float) -> float:
-        places = ({**values, "x_mm": x_mm, "y_mm": y} for y in (-100.0, 0.0, 100.0))
-        names = trained.variant.specification.inputs
-        inputs = [[place[name] for name in names] for place in places]
-        return float(trained.model.predict(inputs).mean.mean())
+        prediction = model.predict(**values, x_mm=x_mm, y_mm=np.array([-100.0, 0.0, 100.0]))
+        return float(prediction.mean.mean())
 
     return mean_ms(-150.0) / mean_ms(150.0)
 

@@ -176,17 +176,18 @@ def _hyperparameter_rows(trained: TrainedVariant) -> Iterator[dict[str, object]]
         if item.remark == "fixed":
             continue
         column, unit = _input_and_unit(item, squared)
+        parameter = item.name if item.name == "noise_variance" else item.quantity
         value = item.value
         if item.quantity == "length_scale" and alpha is not None:
             value = gpy_length_scale(value, alpha=alpha)
         yield {
             "variant": variant,
-            "parameter": item.quantity,
-            "symbol": _SYMBOLS[item.quantity],
+            "parameter": parameter,
+            "symbol": _SYMBOLS[parameter],
             "input": column,
             "unit": unit,
             "value": value,
-            "paper_value": published_hyperparameters().get((variant, item.quantity, column)),
+            "paper_value": published_hyperparameters().get((variant, parameter, column)),
             "at_bound": item.remark == "at limit",
         }
 
