@@ -11,7 +11,6 @@ from sklearn import metrics as sk
 
 from exposight.errors import InputError, ObservationError
 from exposight.statistics import (
-    calibration,
     coverage,
     mae,
     mse,
@@ -76,14 +75,6 @@ def test_density_is_that_of_the_normal_distribution():
     std = np.random.default_rng(2).uniform(0.1, 2.0, 100)
     assert negative_log_predictive_density(observed, mean, std) == pytest.approx(
         -np.mean(norm.logpdf(observed, mean, std)), rel=ROUNDING
-    )
-
-
-def test_calibration_counts_within_three_multiples():
-    own = calibration([0.0, 0.5, 1.5, 2.5, 4.0], np.zeros(5), np.ones(5))
-    assert (own.within_1sigma, own.within_2sigma, own.within_3sigma) == (0.4, 0.6, 0.8)
-    assert own.negative_log_predictive_density == pytest.approx(
-        -norm.logpdf([0.0, 0.5, 1.5, 2.5, 4.0]).mean()
     )
 
 

@@ -1,9 +1,7 @@
 """Pure statistics: metrics of a regression, splits of its observations, dependence."""
 
 from exposight.statistics.metrics import (
-    Calibration,
     RegressionScore,
-    calibration,
     coverage,
     mae,
     mse,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.errors import InputError, ObservationError
-from exposight.statistics.arguments import FloatArray, check_vector
+from exposight.statistics.vectors import FloatArray, check_vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,25 +38,6 @@ class RegressionScore:
     mae: float
     coverage_1sigma: float | None
     coverage_2sigma: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Calibration:
-    """Whether predicted standard deviations can be believed.
-
-    Attributes
-    ----------
-    within_1sigma, within_2sigma, within_3sigma : float
-        Share of the observations within so many predicted standard deviations of the mean; for
-        normal predictions that are calibrated 0.683, 0.954 and 0.997.
-    negative_log_predictive_density : float
-        Mean over the observations, in nats.
-    """
-
-    within_1sigma: float
-    within_2sigma: float
-    within_3sigma: float
-    negative_log_predictive_density: float
 
 
 def r2(observed: ArrayLike, predicted: ArrayLike) -> float:
@@ -210,32 +191,6 @@ def negative_log_predictive_density(observed: ArrayLike, mean: ArrayLike, std: A
         raise ObservationError(msg)
     z = (y - centre) / spread
     return float(np.mean(0.5 * z**2 + np.log(spread)) + 0.5 * math.log(2.0 * math.pi))
-
-
-def calibration(observed: ArrayLike, mean: ArrayLike, std: ArrayLike) -> Calibration:
-    """Hold predicted standard deviations against what was observed.
-
-    Parameters
-    ----------
-    observed, mean, std : (n,) array
-        In the same unit; the standard deviation of a new observation, noise included.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    ObservationError
-        If the arrays are empty, differ in shape, hold a NaN, or a standard deviation is not
-        positive.
-    """
-    return Calibration(
-        within_1sigma=coverage(observed, mean, std, 1.0),
-        within_2sigma=coverage(observed, mean, std, 2.0),
-        within_3sigma=coverage(observed, mean, std, 3.0),
-        negative_log_predictive_density=negative_log_predictive_density(observed, mean, std),
-    )
 
 
 def score(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exposight.errors import InputError, ObservationError
-from exposight.statistics.arguments import FloatArray, as_floats
+from exposight.statistics.vectors import FloatArray, as_floats
 
 IndexArray: TypeAlias = NDArray[np.intp]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -128,14 +128,14 @@ def inside_box(train: ArrayLike, query: ArrayLike) -> BoolArray:
     return inside
 
 
-def _train_size(n: int, share: float, what: str) -> int:
+def _train_size(n: int, share: float, things: str) -> int:
     if not 0.0 < share < 1.0:
         msg = f"share must lie between 0 and 1, such as 0.8, got {share!r}"
         raise InputError(msg)
     # 0.29 * 100 is 28.999999999999996
     size = int(share * n + 1e-9)
     if not 0 < size < n:
-        msg = f"a share of {share:g} of {n} {what} leaves a side empty; at least two are needed"
+        msg = f"a share of {share:g} of {n} {things} leaves a side empty; at least two are needed"
         raise ObservationError(msg)
     return size
 

@@ -1,4 +1,4 @@
-"""Checks at the boundary of the room: arrays of numbers."""
+"""Vectors of numbers, checked at the boundary of the room."""
 
 from typing import TypeAlias
 
@@ -8,27 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from exposight.errors import ObservationError
 
 FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
 
 
 def as_floats(values: ArrayLike, name: str) -> FloatArray:
-    """Turn values into an array of float64.
-
-    Parameters
-    ----------
-    values : array-like
-    name : str
-        What they are called in a message.
-
-    Returns
-    -------
-    float64 array
-        Of whatever shape.
-
-    Raises
-    ------
-    ObservationError
-        If they are not numbers.
-    """
+    """Turn values of any shape into float64; `name` is theirs in the message of the error."""
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -37,25 +21,7 @@ def as_floats(values: ArrayLike, name: str) -> FloatArray:
 
 
 def check_vector(values: ArrayLike, name: str, *, fewest: int = 1) -> FloatArray:
-    """Check a vector of numbers and return it as float64.
-
-    Parameters
-    ----------
-    values : (n,) array
-    name : str
-        What the vector is called in a message.
-    fewest : int
-        The least n.
-
-    Returns
-    -------
-    (n,) float64 array
-
-    Raises
-    ------
-    ObservationError
-        If it is not a vector, is too short, or holds a NaN or an infinite value.
-    """
+    """Check a vector of at least `fewest` finite numbers and return it as float64."""
     array = as_floats(values, name)
     if array.ndim != 1 or len(array) < fewest:
         least = "one number" if fewest == 1 else f"{fewest} numbers"
