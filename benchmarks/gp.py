@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas
 
-from benchmarks.gp_data import Problem, exposure_problem, inputs, quality_problem
+from benchmarks.gp_data import Problem, exposure_problem, quality_problem
 from benchmarks.gp_more_data import more_data
 from benchmarks.gp_peers import (
     Engine,
@@ -34,7 +34,6 @@ from exposight.gp import GaussianProcess
 from exposight.gp.tiling import limit_blas
 
 _ROUNDS = 7
-_MEAN_ROWS = 1_000_000
 # Where L-BFGS stops; likelihoods nearer to each other count as equal.
 _SAME_LIKELIHOOD = 0.01
 
@@ -121,7 +120,7 @@ def fits(problem: Problem, ours: Exposight, theirs: GPy) -> list[Figure]:
 
 
 def predictions(problems: Sequence[Problem], marks_ms: Sequence[float]) -> list[Figure]:
-    """Predict 100 points with variances on one thread, and a million means on two."""
+    """Predict 100 points with variances on one thread."""
     figures = []
     for problem, mark in zip(problems, marks_ms, strict=True):
         process = GaussianProcess.condition(
@@ -130,14 +129,6 @@ def predictions(problems: Sequence[Problem], marks_ms: Sequence[float]) -> list[
         predict = partial(process.predict, problem.new, threads=1)
         (own_s,) = quickest_in_turns([predict])
         figures.append(at_most(f"predict_100_ms_{problem.name}", 1e3 * own_s, mark, "ms"))
-        if problem.name == "q":
-            x = inputs(np.random.default_rng(4), _MEAN_ROWS, problem.x.shape[1])
-            process.predict_mean(x[:5000], threads=2)
-            began, cpu = time.perf_counter(), time.process_time()
-            process.predict_mean(x, threads=2)
-            took_s = time.perf_counter() - began
-            say(f"a million means: {took_s:.2f} s, {time.process_time() - cpu:.2f} s of CPU time")
-            figures.append(at_most("predict_mean_1e6_s_q", took_s, 8.0, "s, two threads"))
     return figures
 
 
@@ -157,7 +148,7 @@ def large() -> list[Figure]:
 
 
 def main() -> None:
-    """Run everything on one thread but where two are named."""
+    """Run everything on one thread."""
     figures: list[Figure] = []
     problems = (quality_problem(), exposure_problem())
     with limit_blas(1):

@@ -146,8 +146,8 @@ def test_a_gated_kernel_learns_from_the_rows_inside():
     )
     y = np.where(kernel.gate(x), 0.0, np.exp(-(((x[:, 0] - 120) / 60) ** 2)))
     process = fit(kernel, x, y + 0.01 * rng.normal(size=80), rng=seeded()).process
-    np.testing.assert_allclose(process.predict_mean(x), y, atol=0.03)
-    assert process.predict_mean([[5.0]])[0] == 0.0
+    np.testing.assert_allclose(process.predict(x).mean, y, atol=0.03)
+    assert process.predict([[5.0]]).mean[0] == 0.0
 
 
 def test_a_linear_kernel_recovers_a_plane():
@@ -155,7 +155,7 @@ def test_a_linear_kernel_recovers_a_plane():
     x = rng.normal(size=(50, 2)) * [1.0, 100.0]
     y = 3.0 * x[:, 0] - 0.2 * x[:, 1] + 0.01 * rng.normal(size=50)
     process = fit(Linear(variances=(1.0, 1.0), dims=(0, 1)), x, y, rng=seeded()).process
-    np.testing.assert_allclose(process.predict_mean(np.eye(2)), [3.0, -0.2], atol=0.01)
+    np.testing.assert_allclose(process.predict(np.eye(2)).mean, [3.0, -0.2], atol=0.01)
 
 
 def test_starting_values_give_the_product_the_targets_variance():

@@ -76,7 +76,7 @@ def test_the_order_of_observations_does_not_matter(observations):
     one = GaussianProcess.condition(GATED, 0.04, x, y)
     other = GaussianProcess.condition(GATED, 0.04, x[order], y[order])
     assert other.log_marginal_likelihood == pytest.approx(one.log_marginal_likelihood, rel=ROUNDING)
-    np.testing.assert_allclose(other.predict_mean(x), one.predict_mean(x), atol=ROUNDING)
+    np.testing.assert_allclose(other.predict(x).mean, one.predict(x).mean, atol=ROUNDING)
 
 
 def test_scaling_the_targets_scales_the_prediction(observations):
@@ -86,12 +86,6 @@ def test_scaling_the_targets_scales_the_prediction(observations):
     three = GaussianProcess.condition(scaled, 9.0 * 0.04, x, 3.0 * y).predict(x)
     np.testing.assert_allclose(three.mean, 3.0 * one.mean, rtol=ROUNDING, atol=ROUNDING)
     np.testing.assert_allclose(three.std, 3.0 * one.std, rtol=ROUNDING, atol=ROUNDING)
-
-
-def test_the_mean_alone_agrees_with_predict(observations):
-    process = GaussianProcess.condition(GATED, 0.04, *observations)
-    x = np.random.default_rng(5).uniform(-1.5, 1.5, size=(9, 2))
-    np.testing.assert_allclose(process.predict_mean(x), process.predict(x).mean, atol=ROUNDING)
 
 
 def test_chunks_change_nothing_and_report_progress(observations, monkeypatch):
@@ -132,7 +126,7 @@ def test_gated_observations_have_the_likelihood_of_white_noise(observations):
     process = GaussianProcess.condition(GATED, 0.04, x, y)
     assert process.log_marginal_likelihood == pytest.approx(expected, rel=ROUNDING)
     only_inside = GaussianProcess.condition(GATED, 0.04, x[inside], y[inside])
-    np.testing.assert_allclose(process.predict_mean(x), only_inside.predict_mean(x), atol=ROUNDING)
+    np.testing.assert_allclose(process.predict(x).mean, only_inside.predict(x).mean, atol=ROUNDING)
 
 
 def test_the_likelihoods_gradient_matches_finite_differences(observations, gradient_of):
@@ -170,7 +164,7 @@ def test_jitter_is_reported_and_the_prediction_still_interpolates():
     x = np.linspace(0.0, 1.0, 60)[:, None]
     process = GaussianProcess.condition(SMOOTH, 1e-18, x, np.sin(4 * x[:, 0]))
     assert 0.0 < process.jitter <= 2e-6
-    np.testing.assert_allclose(process.predict_mean(x), np.sin(4 * x[:, 0]), atol=1e-3)
+    np.testing.assert_allclose(process.predict(x).mean, np.sin(4 * x[:, 0]), atol=1e-3)
 
 
 def test_a_variance_that_rounds_below_zero_is_zero():
@@ -312,7 +306,7 @@ def test_added_observations_outside_the_gate_count_as_white_noise_alone():
     more = process.with_observations([[5.0, 0.0]], [0.3])
     noise = -0.5 * (0.3**2 / NOISE + np.log(2 * np.pi * NOISE))
     assert more.log_marginal_likelihood - process.log_marginal_likelihood == pytest.approx(noise)
-    np.testing.assert_array_equal(more.predict_mean(NEW), process.predict_mean(NEW))
+    np.testing.assert_array_equal(more.predict(NEW).mean, process.predict(NEW).mean)
 
 
 def test_a_repeated_observation_that_leaves_no_factor_is_given_jitter():
@@ -321,7 +315,7 @@ def test_a_repeated_observation_that_leaves_no_factor_is_given_jitter():
     assert process.jitter == 0.0
     repeated = process.with_observations([[0.0]], [1.0])
     assert 0.0 < repeated.jitter <= 1e-6
-    np.testing.assert_allclose(repeated.predict_mean([[0.0]]), 1.0, atol=1e-5)
+    np.testing.assert_allclose(repeated.predict([[0.0]]).mean, 1.0, atol=1e-5)
 
 
 def test_malformed_new_observations_are_refused():

@@ -89,7 +89,7 @@ def test_more_observations_count_as_if_they_had_been_there(trained, make_table, 
     x, y = np.vstack([model.process.x, x]), np.append(model.process.y, y)
     afresh = GaussianProcess.condition(learnt.kernel, learnt.noise_variance, x, y)
     assert learnt.kernel == model.process.kernel
-    np.testing.assert_allclose(learnt.predict_mean(x), afresh.predict_mean(x), rtol=ROUNDING)
+    np.testing.assert_allclose(learnt.predict(x).mean, afresh.predict(x).mean, rtol=ROUNDING)
 
 
 def test_a_model_that_learnt_more_says_so(trained, make_table):

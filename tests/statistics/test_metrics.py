@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm
 from sklearn import metrics as sk
 
 from exposight.errors import InputError, ObservationError
@@ -14,7 +13,6 @@ from exposight.statistics import (
     coverage,
     mae,
     mse,
-    negative_log_predictive_density,
     r2,
     rmse,
     score,
@@ -70,14 +68,6 @@ def test_a_calibrated_prediction_covers_as_the_normal_distribution():
     assert coverage(observed, np.zeros(20_000), std, 2.0) == pytest.approx(0.9545, abs=0.005)
 
 
-def test_density_is_that_of_the_normal_distribution():
-    observed, mean = pair(1)
-    std = np.random.default_rng(2).uniform(0.1, 2.0, 100)
-    assert negative_log_predictive_density(observed, mean, std) == pytest.approx(
-        -np.mean(norm.logpdf(observed, mean, std)), rel=ROUNDING
-    )
-
-
 def test_the_score_gathers_the_metrics():
     observed, predicted = pair(3)
     std = np.full(100, 0.3)
@@ -128,11 +118,6 @@ def test_malformed_input_is_refused(metric, observed, predicted, message):
 def test_a_negative_deviation_is_refused():
     with pytest.raises(ObservationError, match="std must not be negative, got -1 in row 1"):
         coverage([1.0, 2.0], [1.0, 2.0], [1.0, -1.0], 2.0)
-
-
-def test_a_density_without_spread_is_refused():
-    with pytest.raises(ObservationError, match="is 0 in 1 rows; predict the spread of a new"):
-        negative_log_predictive_density([1.0, 2.0], [1.0, 2.0], [1.0, 0.0])
 
 
 def test_coverage_wants_a_positive_multiple():

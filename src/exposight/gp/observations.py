@@ -1,6 +1,8 @@
-"""Checks of what every process is built from: inputs, targets, noise variance."""
+"""Checks of what processes are built from: observations, noise variance, a kernel's fields."""
 
 import math
+import operator
+from collections.abc import Sequence
 from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -194,3 +196,37 @@ def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> N
             "widen the range of exposure times until the target varies"
         )
         raise ObservationError(msg)
+
+
+def check_positive(values: ArrayLike, *, name: str) -> tuple[float, ...]:
+    """Check a hyperparameter's values, one or several: positive and finite."""
+    try:
+        array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        msg = f"{name} must be positive numbers, got {values!r}"
+        raise InputError(msg) from error
+    if array.ndim != 1 or len(array) == 0 or not np.all((array > 0.0) & np.isfinite(array)):
+        msg = f"{name} must be positive and finite, got {values!r}"
+        raise InputError(msg)
+    return tuple(array.tolist())
+
+
+def check_dims(dims: Sequence[int], *, kernel: str) -> tuple[int, ...]:
+    """Check the columns that a kernel reads: whole numbers from 0 on, each once."""
+    try:
+        columns = tuple(operator.index(dim) for dim in dims)
+    except TypeError as error:
+        msg = f"{kernel}.dims must be whole numbers, the columns counted from 0, got {dims!r}"
+        raise InputError(msg) from error
+    if not columns or min(columns) < 0 or len(set(columns)) != len(columns):
+        msg = f"{kernel}.dims must name columns from 0 on, each once, got {dims!r}"
+        raise InputError(msg)
+    return columns
+
+
+def check_fixed(fixed: Sequence[str], *, allowed: tuple[str, ...], kernel: str) -> tuple[str, ...]:
+    """Check the names of the fields that fitting leaves alone."""
+    if isinstance(fixed, str) or any(name not in allowed for name in fixed):
+        msg = f"{kernel}.fixed takes a tuple with names out of {', '.join(allowed)}, got {fixed!r}"
+        raise InputError(msg)
+    return tuple(name for name in allowed if name in fixed)

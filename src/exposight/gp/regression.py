@@ -1,6 +1,5 @@
 """Exact Gaussian-process regression: zero mean, Gaussian noise, float64."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +16,7 @@ from exposight.gp.observations import (
     check_targets,
     read_only,
 )
-from exposight.gp.tiling import covariance_times, fill_tiles, limit_blas, predict_in_chunks
+from exposight.gp.tiling import fill_tiles, limit_blas, predict_in_chunks
 from exposight.workers import Progress, ignore_progress
 
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
@@ -217,7 +216,14 @@ class GaussianProcess:
         # computed once, on one thread, and before the threads that share it
         with limit_blas(1):
             _ = self._factor.inverse
-        self._predict_in_chunks(predict_rows, len(inputs), threads, progress)
+        predict_in_chunks(
+            predict_rows,
+            len(inputs),
+            chunk=_CHUNK,
+            threads=threads,
+            worthwhile=len(inputs) * len(self._active_x) >= _MANY_PAIRS,
+            progress=progress,
+        )
         if include_noise:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
@@ -230,44 +236,3 @@ class GaussianProcess:
         variance = self.kernel.prior_variance(x) - np.einsum("ij,ij->i", explained, explained)
         # rounding may leave a variance a hair below zero at a training point
         return mean, np.maximum(variance, 0.0)
-
-    def predict_mean(
-        self,
-        x: ArrayLike,
-        *,
-        threads: int | None = None,
-        progress: Progress = ignore_progress,
-    ) -> FloatArray:
-        """Predict the mean alone, which takes no triangular solve and keeps no matrix.
-
-        Parameters and errors are those of `predict`.
-
-        Returns
-        -------
-        (m,) array
-            In the unit of the targets.
-        """
-        inputs = check_inputs(x, columns=self.x.shape[1])
-        mean = np.empty(len(inputs))
-
-        def predict_rows(rows: slice) -> None:
-            mean[rows] = covariance_times(self.kernel, inputs[rows], self._active_x, self._alpha)
-
-        self._predict_in_chunks(predict_rows, len(inputs), threads, progress)
-        return mean
-
-    def _predict_in_chunks(
-        self,
-        predict_rows: Callable[[slice], None],
-        rows: int,
-        threads: int | None,
-        progress: Progress,
-    ) -> None:
-        predict_in_chunks(
-            predict_rows,
-            rows,
-            chunk=_CHUNK,
-            threads=threads,
-            worthwhile=rows * len(self._active_x) >= _MANY_PAIRS,
-            progress=progress,
-        )

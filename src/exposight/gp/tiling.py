@@ -62,17 +62,6 @@ def fill_tiles(kernel: Tileable, x: FloatArray, y: FloatArray, out: FloatArray) 
             out[rows, columns] = tile(kernel, x[rows], y[columns])
 
 
-def covariance_times(
-    kernel: Tileable, x: FloatArray, y: FloatArray, vector: FloatArray
-) -> FloatArray:
-    """Multiply the covariance of checked inputs by an (m,) vector, without keeping the matrix."""
-    out = np.zeros(len(x))
-    for rows in row_blocks(len(x)):
-        for columns in _column_blocks(0, len(y)):
-            out[rows] += tile(kernel, x[rows], y[columns]) @ vector[columns]
-    return out
-
-
 def fill_triangle(kernel: Tileable, x: FloatArray, rows: slice, out: FloatArray) -> None:
     """Write one of the `row_blocks` of the covariance of `x`, (n, n), from its diagonal on."""
     for columns in _column_blocks(rows.start, len(x)):

@@ -5,13 +5,9 @@ from exposight.statistics.metrics import (
     coverage,
     mae,
     mse,
-    negative_log_predictive_density,
     r2,
     rmse,
     score,
 )
-from exposight.statistics.mic import (
-    maximal_information_coefficient,
-    maximal_information_matrix,
-)
+from exposight.statistics.mic import characteristic_matrix, maximal_information_matrix
 from exposight.statistics.splits import Split, inside_box, random_split, split_by_group

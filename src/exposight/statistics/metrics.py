@@ -162,37 +162,6 @@ def coverage(observed: ArrayLike, mean: ArrayLike, std: ArrayLike, k: float) -> 
     return float(np.mean(np.abs(y - centre) <= k * spread))
 
 
-def negative_log_predictive_density(observed: ArrayLike, mean: ArrayLike, std: ArrayLike) -> float:
-    """Mean of −log N(y | mean, std²): small where predictions are near and rightly confident.
-
-    Parameters
-    ----------
-    observed, mean, std : (n,) array
-        In the same unit; the standard deviation of a new observation, noise included.
-
-    Returns
-    -------
-    float
-        In nats for each observation.
-
-    Raises
-    ------
-    ObservationError
-        If the arrays are empty, differ in shape, hold a NaN, or a standard deviation is not
-        positive.
-    """
-    y, centre = _check_pair(observed, mean, "mean")
-    spread = _check_std(y, std)
-    if np.any(spread == 0.0):
-        msg = (
-            f"std must be positive for a density, but is 0 in {int(np.sum(spread == 0.0))} rows; "
-            "predict the spread of a new observation, noise included"
-        )
-        raise ObservationError(msg)
-    z = (y - centre) / spread
-    return float(np.mean(0.5 * z**2 + np.log(spread)) + 0.5 * math.log(2.0 * math.pi))
-
-
 def score(
     observed: ArrayLike, predicted_mean: ArrayLike, std: ArrayLike | None = None
 ) -> RegressionScore:

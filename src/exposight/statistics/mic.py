@@ -38,46 +38,6 @@ _FEWEST = 4
 """Observations of the smallest grid that says anything, 2 × 2."""
 
 
-def maximal_information_coefficient(
-    x: ArrayLike,
-    y: ArrayLike,
-    *,
-    alpha: float = 0.6,
-    c: float = 15,
-    estimator: Estimator = "approx",
-) -> float:
-    """Maximal information coefficient of two variables.
-
-    Parameters
-    ----------
-    x, y : (n,) array
-        In any units; at least four observations.
-    alpha : float
-        Grids have at most max(n^alpha, 4) cells; above 0, at most 1. The default is that of the
-        2011 paper.
-    c : float
-        The optimised axis is cut at no more than c times as many places as it may get columns;
-        above 0. More is slower and finds slightly better grids. The default is that of 2011.
-    estimator : {"approx", "e"}
-        Of 2011 or of 2016, see above.
-
-    Returns
-    -------
-    float
-        From 0 to 1; 0 where a variable does not vary at all.
-
-    Raises
-    ------
-    ObservationError
-        If the arrays differ in length, are not one-dimensional, have fewer than four values, or
-        hold one that is not finite.
-    InputError
-        If a setting is out of its range.
-    """
-    matrix = characteristic_matrix(x, y, alpha=alpha, c=c, estimator=estimator)
-    return _largest(matrix)
-
-
 def maximal_information_matrix(
     table: ArrayLike,
     *,
@@ -93,8 +53,14 @@ def maximal_information_matrix(
     ----------
     table : (n, d) array
         One observation a row, one variable a column, in any units.
-    alpha, c, estimator
-        As in `maximal_information_coefficient`.
+    alpha : float
+        Grids have at most max(n^alpha, 4) cells; above 0, at most 1. The default is that of the
+        2011 paper.
+    c : float
+        The optimised axis is cut at no more than c times as many places as it may get columns;
+        above 0. More is slower and finds slightly better grids. The default is that of 2011.
+    estimator : {"approx", "e"}
+        Of 2011 or of 2016, see above.
     threads : int
         Pairs computed at the same time. The values do not depend on it.
     progress : Progress
@@ -103,8 +69,8 @@ def maximal_information_matrix(
     Returns
     -------
     (d, d) array
-        Symmetric: for "e", which may distinguish x from y, the column further left is x. The
-        diagonal is each variable's coefficient with itself: 1, less where most
+        From 0 to 1, and symmetric: for "e", which may distinguish x from y, the column further
+        left is x. The diagonal is each variable's coefficient with itself: 1, less where most
         observations share a value, 0 where all do.
 
     Raises
@@ -119,17 +85,19 @@ def maximal_information_matrix(
     if values.ndim != 2 or values.shape[1] == 0:
         msg = f"expected a table (n, d) with a variable a column, got shape {values.shape}"
         raise ObservationError(msg)
-    _check_settings(alpha, c, estimator)
     if threads < 1:
         msg = f"expected at least one thread, got {threads}; leave it out to use one"
         raise InputError(msg)
-    columns = [_sort(values[:, j], f"column {j}") for j in range(values.shape[1])]
+    columns = [
+        check_vector(column, f"column {j}", fewest=_FEWEST) for j, column in enumerate(values.T)
+    ]
     pairs = [(i, j) for i in range(len(columns)) for j in range(i, len(columns))]
     result = np.empty((len(columns), len(columns)))
 
     def coefficient(pair: tuple[int, int]) -> float:
-        i, j = pair
-        return _largest(_matrix(columns[i], columns[j], alpha, c, estimator))
+        x, y = (columns[index] for index in pair)
+        matrix = characteristic_matrix(x, y, alpha=alpha, c=c, estimator=estimator)
+        return min(float(matrix.max()), 1.0)  # sums of logarithms may exceed it by rounding
 
     with ThreadPoolExecutor(threads) as pool:
         for done, ((i, j), value) in enumerate(
@@ -152,8 +120,10 @@ def characteristic_matrix(
 
     Parameters
     ----------
-    x, y, alpha, c, estimator
-        As in `maximal_information_coefficient`.
+    x, y : (n,) array
+        In any units; at least four observations.
+    alpha, c, estimator
+        As in `maximal_information_matrix`.
 
     Returns
     -------
@@ -165,7 +135,7 @@ def characteristic_matrix(
     Raises
     ------
     ObservationError, InputError
-        As in `maximal_information_coefficient`.
+        As in `maximal_information_matrix`, or if x and y differ in length.
     """
     _check_settings(alpha, c, estimator)
     along_x, along_y = _sort(x, "x"), _sort(y, "y")
@@ -175,7 +145,17 @@ def characteristic_matrix(
             f"{len(along_y.order)} values"
         )
         raise ObservationError(msg)
-    return _matrix(along_x, along_y, alpha, c, estimator)
+    n = len(along_x.order)
+    cells = max(n**alpha, 4.0)
+    # How many columns more than rows may be optimised. For "e" only the axis with fewer parts is,
+    # and y where both have equally many.
+    more_along_x, more_along_y = (-1, 0) if estimator == "e" else (n, n)
+    counts = np.arange(n + 1.0)
+    x_log_x = xlogy(counts, counts)
+    by_x, by_y = (along_x.order, along_x.starts), (along_y.order, along_y.starts)
+    optimised_x = characteristic_one_way(*by_x, *by_y, cells, float(c), more_along_x, x_log_x)
+    optimised_y = characteristic_one_way(*by_y, *by_x, cells, float(c), more_along_y, x_log_x)
+    return np.maximum(optimised_x, optimised_y.T)
 
 
 def _check_settings(alpha: float, c: float, estimator: str) -> None:
@@ -204,23 +184,3 @@ def _sort(values: ArrayLike, name: str) -> _Sorted:
     ascending = array[order]
     changes = np.flatnonzero(ascending[1:] != ascending[:-1]) + 1
     return _Sorted(order=order, starts=np.concatenate([[0], changes, [len(array)]]))
-
-
-def _largest(matrix: FloatArray) -> float:
-    return min(float(matrix.max()), 1.0)  # sums of logarithms may exceed it by a rounding error
-
-
-def _matrix(x: _Sorted, y: _Sorted, alpha: float, c: float, estimator: str) -> FloatArray:
-    cells = max(len(x.order) ** alpha, 4.0)
-    # How many columns more than rows may be optimised. For "e" only the axis with fewer parts is,
-    # and y where both have equally many.
-    more_along_x, more_along_y = (-1, 0) if estimator == "e" else (len(x.order), len(x.order))
-    counts = np.arange(len(x.order) + 1.0)
-    x_log_x = xlogy(counts, counts)
-    optimised_x = characteristic_one_way(
-        x.order, x.starts, y.order, y.starts, cells, float(c), more_along_x, x_log_x
-    )
-    optimised_y = characteristic_one_way(
-        y.order, y.starts, x.order, x.starts, cells, float(c), more_along_y, x_log_x
-    )
-    return np.maximum(optimised_x, optimised_y.T)

@@ -1,4 +1,4 @@
-"""The contract of a covariance function, and the products and sums that kernels compose to."""
+"""The contract of a covariance function, its leaves, and the products and sums of them."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -55,8 +55,7 @@ class Kernel(ABC):
     """A covariance function k(x, x'), immutable, with its derivatives.
 
     Kernels compose: ``a * b`` and ``a + b`` are kernels. Derivatives are taken with respect to
-    the natural logarithms of the free hyperparameters, in the order of `parameters`. A subclass
-    with a `type_name` is read back by `kernel_from_dict`.
+    the natural logarithms of the free hyperparameters, in the order of `parameters`.
 
     `fill`, `multiply`, `weigh`, `prior_variance` and `closed` are for inner loops: they take
     checked inputs in C order. The first three work on one tile of the covariance matrix, small
@@ -64,13 +63,6 @@ class Kernel(ABC):
     """
 
     type_name: ClassVar[str]
-    kinds: ClassVar[dict[str, "type[Kernel]"]] = {}
-    """Every kind of kernel by its `type_name`."""
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "type_name" in vars(cls):
-            Kernel.kinds[cls.type_name] = cls
 
     @property
     @abstractmethod
@@ -218,6 +210,40 @@ class Kernel(ABC):
         if not isinstance(other, Kernel):
             return NotImplemented
         return Sum(terms=(self, other))
+
+
+class Leaf(Kernel):
+    """A kernel that is not composed of others."""
+
+    @property
+    @abstractmethod
+    def hyperparameters(self) -> tuple[Parameter, ...]:
+        """The kernel's hyperparameters, named without the kernel's name."""
+
+    @abstractmethod
+    def _with_values(self, values: tuple[float, ...]) -> Self:
+        """Return the kernel with these values of all of its hyperparameters."""
+
+    def _with_logs(self, logs: FloatArray) -> Self:
+        values = iter(np.exp(logs))
+        return self._with_values(
+            tuple(
+                float(next(values)) if parameter.free else parameter.value
+                for parameter in self.hyperparameters
+            )
+        )
+
+    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+        """See `Kernel.leaves`."""
+        return ((self.type_name, self.hyperparameters),)
+
+    def closed(self, x: FloatArray) -> BoolArray:
+        """See `Kernel.gate`."""
+        return np.zeros(len(x), dtype=np.bool_)
+
+    @cached_property
+    def _free(self) -> BoolArray:
+        return np.array([parameter.free for parameter in self.hyperparameters], dtype=np.bool_)
 
 
 class _Composite(Kernel):

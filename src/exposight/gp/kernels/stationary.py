@@ -10,10 +10,15 @@ import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp.kernels import loops
-from exposight.gp.kernels.base import Parameter, Quantity
-from exposight.gp.kernels.leaves import Leaf, check_dims, check_fixed, check_positive
+from exposight.gp.kernels.base import Leaf, Parameter, Quantity
 from exposight.gp.kernels.loops import squared_distances, weighted_square_differences
-from exposight.gp.observations import FloatArray, IntArray
+from exposight.gp.observations import (
+    FloatArray,
+    IntArray,
+    check_dims,
+    check_fixed,
+    check_positive,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
