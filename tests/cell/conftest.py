@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exposight.cell import ActiveSensor, Capture, Cloud, Feature, Part, Projector
+from exposight.cell import ActiveSensor, Capture, Cloud, ExposureRange, Feature, Part, Projector
 from exposight.geometry import PinholeCamera, RigidTransform, rotation_facing
 
 ROWS, COLUMNS = 12, 16
@@ -24,9 +24,7 @@ def small_sensor(name: str = "small") -> ActiveSensor:
             camera_from_projector=RigidTransform.from_fanuc_wpr((220.0, 0.0, 80.0), 3, -20, 11),
         ),
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0])),
-        exposure_min_ms=1.0,
-        exposure_max_ms=1000.0,
-        exposure_increment_ms=0.5,
+        exposure=ExposureRange(min_ms=1.0, max_ms=1000.0, increment_ms=0.5),
         working_distance_mm=(400.0, 800.0),
     )
 

@@ -15,11 +15,12 @@ def grey(dtype, value=100):
     ("image", "bit_depth", "message"),
     [
         (np.zeros((12, 16, 3), np.uint8), 8, r"got a colour image of shape \(12, 16, 3\)"),
-        (grey(np.uint16), 8, "an image of 8 bits needs uint8, got uint16; say its true bit_depth"),
-        (grey(np.uint8), 16, "an image of 16 bits needs uint16, got uint8"),
-        (grey(np.uint16, 4096), 12, "12 bits has values up to 4095, got 4096"),
-        (grey(np.float64), 8, "needs uint8, got float64"),
-        (grey(np.uint16), 10, "a bit depth must be 8, 12 or 16, got 10"),
+        (grey(np.uint16), 8, "expected 8 bits in uint8, got uint16; say its true bit depth"),
+        (grey(np.uint8), 16, "expected 16 bits in uint16, got uint8"),
+        (grey(np.uint16, 4096), 12, "12 bits go up to 4095, got 4096; .*right by 4"),
+        (grey(np.uint16, 1024), 10, "10 bits go up to 1023, got 1024; .*right by 6"),
+        (grey(np.float64), 8, "in uint8, got float64"),
+        (grey(np.uint16), 14, "a bit depth must be 8, 10, 12 or 16, got 14"),
         (np.zeros((0, 16), np.uint8), 8, "needs a grey image"),
     ],
 )
@@ -30,7 +31,7 @@ def test_an_image_that_is_not_what_it_is_said_to_be_is_refused(
         replace(make_capture(), image=image, bit_depth=bit_depth)
 
 
-@pytest.mark.parametrize(("bit_depth", "white"), [(12, 4095), (16, 65535)])
+@pytest.mark.parametrize(("bit_depth", "white"), [(10, 1023), (12, 4095), (16, 65535)])
 def test_grey_levels_are_scaled_to_255(make_capture, bit_depth, white):
     image = np.linspace(0, white, 12 * 16).astype(np.uint16).reshape(12, 16)
     levels = replace(make_capture(), image=image, bit_depth=bit_depth).grey_levels()

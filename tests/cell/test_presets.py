@@ -67,7 +67,7 @@ def test_the_cameras_field_is_the_papers(preset):
 def test_the_comet_has_4_megapixels_and_1_to_1000_ms():
     sensor = sensor_preset("comet-pro-ae")
     assert sensor.camera.width * sensor.camera.height == pytest.approx(4e6, rel=0.01)
-    assert (sensor.exposure_min_ms, sensor.exposure_max_ms) == (1, 1000)
+    assert (sensor.exposure.min_ms, sensor.exposure.max_ms) == (1, 1000)
     assert sensor.working_distance_mm == (400, 800)
 
 
@@ -82,8 +82,8 @@ def test_the_rc_visard_is_as_its_makers_specification_says(reference_data):
     assert [camera.width, camera.height] == given["resolution"]
     np.testing.assert_allclose(fov_deg, given["fov_deg"], atol=0.5)
     assert sensor.first_from_camera[1].translation_mm.tolist() == [given["baseline_mm"], 0, 0]
-    assert sensor.exposure_max_ms == 1e3 * given["exp_value_s"]["max"]
-    assert sensor.exposure_min_ms == pytest.approx(1e3 * given["exp_value_s"]["min"], abs=0.005)
+    assert sensor.exposure.max_ms == 1e3 * given["exp_value_s"]["max"]
+    assert sensor.exposure.min_ms == pytest.approx(1e3 * given["exp_value_s"]["min"], abs=0.005)
 
 
 def test_an_unknown_preset_tells_the_known_ones():

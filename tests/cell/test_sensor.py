@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exposight.cell import PRESETS, ActiveSensor, read_sensor, sensor_preset, write_sensor
+from exposight.cell import (
+    PRESETS,
+    ActiveSensor,
+    ExposureRange,
+    read_sensor,
+    sensor_preset,
+    write_sensor,
+)
 from exposight.errors import FormatError, MissingFileError, SensorError, VersionError
 from exposight.geometry import RigidTransform
 
@@ -36,7 +43,7 @@ def test_the_nearest_exposure_is_a_multiple_of_the_increment(sensor, wish, setti
 
 
 def test_the_nearest_exposure_never_leaves_the_range(sensor):
-    odd = replace(sensor, exposure_min_ms=1.0, exposure_max_ms=2.0, exposure_increment_ms=0.3)
+    odd = replace(sensor, exposure=ExposureRange(min_ms=1.0, max_ms=2.0, increment_ms=0.3))
     assert odd.nearest_exposure(2.0) == 1.9
 
 
@@ -44,11 +51,11 @@ def test_the_nearest_exposure_never_leaves_the_range(sensor):
 @given(preset=st.sampled_from(sorted(PRESETS)), share=st.floats(0, 1))
 def test_the_nearest_exposure_is_within_half_an_increment_and_stays(preset, share):
     sensor = sensor_preset(preset)
-    low, high = sensor.exposure_min_ms, sensor.exposure_max_ms
+    low, high = sensor.exposure.min_ms, sensor.exposure.max_ms
     wish = min(low + share * (high - low), high)
     setting = sensor.nearest_exposure(wish)
     assert sensor.check_exposure(setting) == setting
-    assert abs(setting - wish) <= sensor.exposure_increment_ms / 2 + 1e-6
+    assert abs(setting - wish) <= sensor.exposure.increment_ms / 2 + 1e-6
     assert sensor.nearest_exposure(setting) == setting
 
 
@@ -65,10 +72,6 @@ def test_the_nearest_exposure_refuses_what_is_outside(sensor):
     [
         ({"name": " "}, "needs a name"),
         ({"cameras": ()}, "at least one camera and a pose for each, got 0 cameras and 1 poses"),
-        ({"exposure_min_ms": 0.0}, "0 < minimum ≤ maximum and an increment above 0 in ms, got 0"),
-        ({"exposure_max_ms": 0.5}, "0 < minimum ≤ maximum"),
-        ({"exposure_increment_ms": 0.0}, "an increment above 0"),
-        ({"exposure_max_ms": float("nan")}, "0 < minimum ≤ maximum"),
         ({"working_distance_mm": (800.0, 400.0)}, "0 < near < far in mm, got 800 and 400"),
         (
             {"first_from_camera": (RigidTransform(translation_mm=np.ones(3)),)},
@@ -79,6 +82,13 @@ def test_the_nearest_exposure_refuses_what_is_outside(sensor):
 def test_what_makes_no_sensor_is_refused(sensor, change, message):
     with pytest.raises(SensorError, match=message):
         replace(sensor, **change)
+
+
+@pytest.mark.parametrize("numbers", [(0, 1, 1), (1, 0.5, 1), (1, 2, 0), (1, float("nan"), 1)])
+def test_what_makes_no_range_of_exposure_times_is_refused(numbers):
+    low, high, step = numbers
+    with pytest.raises(SensorError, match="0 < minimum ≤ maximum and an increment above 0 in ms"):
+        ExposureRange(min_ms=low, max_ms=high, increment_ms=step)
 
 
 # -- JSON ---------------------------------------------------------------------------------------
@@ -94,7 +104,7 @@ def assert_same(one: ActiveSensor, other: ActiveSensor) -> None:
         atol=POSE_TOLERANCE,
     )
     assert one.projector.camera == other.projector.camera
-    for name in ("name", "exposure_min_ms", "exposure_increment_ms", "working_distance_mm"):
+    for name in ("name", "exposure", "working_distance_mm"):
         assert getattr(one, name) == getattr(other, name)
     assert one.camera_from_tcp == other.camera_from_tcp
 
@@ -116,8 +126,14 @@ def test_a_sensor_without_projector_is_kept(sensor):
 
 
 def test_numbers_of_numpy_are_written(sensor):
-    odd = replace(sensor, exposure_min_ms=np.float32(2.0), camera_from_tcp=RigidTransform())
-    assert ActiveSensor.from_json(odd.to_json()).exposure_min_ms == 2.0
+    exposure = ExposureRange(min_ms=np.float32(2.0), max_ms=np.int64(3), increment_ms=1)
+    camera = replace(sensor.camera, width=np.int64(16), fx=np.float32(20.0))
+    odd = replace(sensor, exposure=exposure, cameras=(camera,))
+    again = ActiveSensor.from_json(odd.to_json())
+    assert (again.exposure, again.camera.fx) == (
+        ExposureRange(min_ms=2, max_ms=3, increment_ms=1),
+        20,
+    )
 
 
 def edited(sensor, **changes):

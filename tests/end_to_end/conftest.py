@@ -15,6 +15,7 @@ from exposight.cell import (
     CampaignWriter,
     Capture,
     Cloud,
+    ExposureRange,
     Feature,
     Part,
     write_cloud,
@@ -37,9 +38,7 @@ def plate_sensor() -> ActiveSensor:
         first_from_camera=(RigidTransform(),),
         projector=None,
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0])),
-        exposure_min_ms=0.5,
-        exposure_max_ms=50.0,
-        exposure_increment_ms=0.5,
+        exposure=ExposureRange(min_ms=0.5, max_ms=50.0, increment_ms=0.5),
         working_distance_mm=(400.0, 800.0),
     )
 

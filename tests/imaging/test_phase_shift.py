@@ -1,9 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from exposight.errors import ImageError
 from exposight.imaging import (
     DecodingLimits,
     FrameStack,
@@ -13,73 +10,13 @@ from exposight.imaging import (
     PhaseShift,
     PixelFlag,
     decode,
-    phase_and_modulation,
-    unwrap_step,
 )
 
-TURN = 2 * np.pi
-EXACT = 1e-12  # of a few sums in float64
 QUANTISED_PX = 2e-3  # 16-bit rounding: 1e-5 rad of a fringe of 64 px
-
-phases = st.floats(0.0, TURN - 1e-6)
-steps = st.integers(3, 12)
-
-
-def samples(phase, shifts_deg, mean=110.0, amplitude=80.0):
-    return mean + amplitude * np.cos(phase - np.radians(np.asarray(shifts_deg)))
 
 
 def equal_steps(n):
     return [360.0 * k / n for k in range(n)]
-
-
-def distance(phase, other):
-    return np.abs((phase - other + np.pi) % TURN - np.pi)
-
-
-@given(phase=phases, n=steps)
-def test_any_number_of_steps_gives_the_phase(phase, n):
-    found, modulation, mean = phase_and_modulation(samples(phase, equal_steps(n)), equal_steps(n))
-    assert distance(found, phase) < EXACT
-    assert (modulation, mean) == pytest.approx((80.0, 110.0))
-
-
-@given(phase=phases, gain=st.floats(0.1, 10.0), ambient=st.floats(0.0, 1000.0))
-def test_brightness_does_not_change_the_phase(phase, gain, ambient):
-    shifts = equal_steps(4)
-    before = phase_and_modulation(samples(phase, shifts), shifts)
-    after = phase_and_modulation(gain * samples(phase, shifts) + ambient, shifts)
-    assert distance(before[0], after[0]) < 1e-9
-    assert after[1] == pytest.approx(gain * before[1])
-
-
-@given(phase=phases)
-def test_unequal_steps_give_the_phase(phase):
-    shifts = [0.0, 50.0, 170.0, 181.0, 300.0]
-    assert distance(phase_and_modulation(samples(phase, shifts), shifts)[0], phase) < 1e-11
-
-
-def test_three_steps_are_the_arctangent_of_the_books():
-    i1, i2, i3 = 120.0, 37.0, 88.0
-    expected = np.arctan2(np.sqrt(3) * (i2 - i3), 2 * i1 - i2 - i3) % TURN
-    assert phase_and_modulation([i1, i2, i3], equal_steps(3))[0] == pytest.approx(expected)
-
-
-def test_too_few_samples():
-    with pytest.raises(ImageError, match="at least 3 samples and as many shifts"):
-        phase_and_modulation([1.0, 2.0], [0.0, 90.0])
-
-
-@given(
-    column=st.floats(0.0, 1023.0),
-    error=st.floats(-0.49, 0.49),
-    period=st.sampled_from([8.0, 16.0, 128.0, 66.6]),
-)
-def test_unwrapping_forgives_less_than_half_a_period(column, error, period):
-    phase = TURN * column / period % TURN
-    fine, residual = unwrap_step(column + error * period, phase, period)
-    assert fine == pytest.approx(column, abs=1e-9)
-    assert residual == pytest.approx(error, abs=1e-9)
 
 
 def recorded(images, bit_depth=16):
@@ -110,6 +47,23 @@ def test_columns_are_found_across_the_projector(render_fringe, periods, n_steps)
     decoded = decode(recorded(images), sequence_of(periods, n_steps))
     tolerance = QUANTISED_PX * max(1.0, 16 / periods[-1])
     assert np.abs(decoded.column - column).max() < tolerance
+
+
+def test_unequal_steps_and_ambient_light_do_not_move_a_column(render_fringe):
+    column = np.linspace(0, 1023, 500).reshape(5, 100)
+    shifts = (0.0, 50.0, 170.0, 181.0, 300.0)
+    images = [render_fringe(column, p, 1024, shifts) for p in (1, 16)]
+    fringes = tuple(
+        Fringe(periods=p, frames=tuple(range(5 * i, 5 * i + 5)), shifts_deg=shifts)
+        for i, p in enumerate((1, 16))
+    )
+    sequence = PatternSequence(
+        name="test", projector_width=1024, projector_height=8, bit_depth=16,
+        columns=PhaseShift(fringes=fringes),
+    )  # fmt: skip
+    for gain, ambient in ((1.0, 0.0), (0.4, 60.0)):
+        stack = recorded([gain * image + ambient for image in images])
+        assert np.abs(decode(stack, sequence).column - column).max() < 3 * QUANTISED_PX / gain
 
 
 def test_columns_beside_the_border_do_not_jump_across(render_fringe):

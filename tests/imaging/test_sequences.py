@@ -64,7 +64,7 @@ def test_bad_codings(build, message):
     [
         ({}, "columns, its rows, or both"),
         ({"columns": GRAY, "projector_width": 0}, "a projector's size must be positive"),
-        ({"columns": GRAY, "bit_depth": 10}, "a bit depth must be 8, 12 or 16, got 10"),
+        ({"columns": GRAY, "bit_depth": 14}, "a bit depth must be 8, 10, 12 or 16, got 14"),
         ({"columns": GRAY, "white_frame": 9}, "given together or not at all"),
         ({"columns": GrayCode(frames=(0, 1, 2, 3))}, "of the columns has no inverse frames"),
         ({"columns": GRAY, "rows": GRAY}, r"but \[0, 1, .*\] are used more than once"),

@@ -100,7 +100,7 @@ def test_everything_in_a_model_comes_back(path, trained):
 
 def test_a_models_sensor_comes_back(saved):
     sensor, expected = load_model(saved).sensor, sensor_preset("rc-visard-65")
-    for name in ("name", "cameras", "exposure_max_ms", "working_distance_mm"):
+    for name in ("name", "cameras", "exposure", "working_distance_mm"):
         assert getattr(sensor, name) == getattr(expected, name)
     np.testing.assert_allclose(
         sensor.projector.camera_from_projector.to_matrix(),

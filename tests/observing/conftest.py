@@ -5,7 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from exposight.cell import ActiveSensor, Capture, Cloud, Feature, MemoryCampaign, Part
+from exposight.cell import (
+    ActiveSensor,
+    Capture,
+    Cloud,
+    ExposureRange,
+    Feature,
+    MemoryCampaign,
+    Part,
+)
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import Observation, observe_campaign
 
@@ -33,9 +41,7 @@ def make_sensor(
         first_from_camera=(RigidTransform(),),
         projector=None,
         camera_from_tcp=camera_from_tcp or RigidTransform(translation_mm=[0, 0, DISTANCE_MM]),
-        exposure_min_ms=1.0,
-        exposure_max_ms=1000.0,
-        exposure_increment_ms=1.0,
+        exposure=ExposureRange(min_ms=1.0, max_ms=1000.0, increment_ms=1.0),
         working_distance_mm=(400.0, 800.0),
     )
 

@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exposight.cell import ActiveSensor, Capture, Cloud, Feature, MemoryCampaign, Part
+from exposight.cell import (
+    ActiveSensor,
+    Capture,
+    Cloud,
+    ExposureRange,
+    Feature,
+    MemoryCampaign,
+    Part,
+)
 from exposight.demo import (
     DoorMesh,
     DoorResult,
@@ -42,9 +50,7 @@ def _sensor():
         first_from_camera=(RigidTransform(),),
         projector=None,
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, _DISTANCE_MM])),
-        exposure_min_ms=0.1,
-        exposure_max_ms=1000.0,
-        exposure_increment_ms=0.001,
+        exposure=ExposureRange(min_ms=0.1, max_ms=1000.0, increment_ms=0.001),
         working_distance_mm=(100.0, 1000.0),
     )
 

@@ -1,14 +1,52 @@
-"""A campaign: all captures of one part by one sensor, in memory or on disk, one at a time."""
+"""A campaign: all captures of one part by one sensor, in memory or as a folder on disk.
+
+The layout of the folder is in ``docs/formats.md``. Whatever was completely captured stays readable,
+whenever the writer stops: each capture is a folder that appears whole or not at all
+(`exposight.files.durable`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Protocol
+import json
+import math
+import re
+import weakref
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Protocol
 
-from exposight.cell.capture import Capture, CaptureKey
+from pydantic import Field
+
+from exposight.cell.capture import (
+    Capture,
+    CaptureKey,
+    read_attachments,
+    read_capture,
+    read_key,
+    write_capture,
+)
+from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
-from exposight.errors import InputError
+from exposight.errors import FileError, FormatError, InputError, MissingFileError
+from exposight.files.documents import DocumentFormat, sha256_of
+from exposight.files.durable import is_unfinished, sweep_unfinished, write_durably
+from exposight.files.lock import WRITER_LOCK, hold_writer_lock
+from exposight.files.reading import read_bytes, read_verified
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from filelock import BaseFileLock
+
+
+_DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
+_CAPTURES = "captures"
+
+_POSE_TOLERANCE = 1e-9
+"""Reading a pose makes its rotation exactly orthonormal, which changes its last digits."""
+
+_Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class CaptureSource(Protocol):
@@ -69,7 +107,7 @@ class MemoryCampaign:
         keys: set[CaptureKey] = set()
         for capture in captures:
             capture.check_fits(sensor)
-            check_new_key(capture.key, keys, name)
+            _check_new_key(capture.key, keys, name)
             keys.add(capture.key)
         self._captures = tuple(captures)
 
@@ -81,7 +119,329 @@ class MemoryCampaign:
         yield from self._captures
 
 
-def check_new_key(key: CaptureKey, known: set[CaptureKey], campaign: str) -> None:
+@dataclass(frozen=True, kw_only=True)
+class _Description:
+    """What ``campaign.json`` says."""
+
+    name: str
+    part: str
+    sensor_sha256: _Checksum
+    features_sha256: _Checksum
+
+
+_FORMAT = DocumentFormat("exposight campaign", 1, _Description)
+
+
+class CampaignFolder:
+    """A campaign on disk, whose captures are read one at a time and verified by checksum.
+
+    Captures come in the order they were taken. Those that a writer adds later are seen after
+    opening the folder again.
+
+    Parameters
+    ----------
+    path : Path
+        The campaign's folder.
+
+    Raises
+    ------
+    MissingFileError
+        If the folder or one of its files is not there.
+    DamagedFileError
+        If a file's content is not what was written; the message names it.
+    FormatError
+        If it is no campaign.
+    VersionError
+        If a newer version of exposight wrote it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        if not (self.path / _DESCRIPTION).is_file():
+            msg = (
+                f"{self.path} is no campaign: expected a folder with {_DESCRIPTION} in it"
+                if self.path.is_dir()
+                else f"no campaign at {self.path}; expected a folder with {_DESCRIPTION} in it"
+            )
+            raise MissingFileError(msg)
+        path = self.path / _DESCRIPTION
+        description = _FORMAT.unseal(read_bytes(path, "campaign"), str(path))
+        sensor = self._text(_SENSOR, description.sensor_sha256)
+        features = self._text(_FEATURES, description.features_sha256)
+        self.name = description.name
+        self.sensor = ActiveSensor.from_json(sensor, source=str(self.path / _SENSOR))
+        self.part = Part(
+            name=description.part, features=features_from_csv(features, self.path / _FEATURES)
+        )
+        self.numbers = tuple(sorted(_capture_numbers(self.path / _CAPTURES)))
+
+    def _text(self, name: str, sha256: str) -> str:
+        return read_verified(self.path / name, sha256, "file of a campaign").decode("utf-8")
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def captures(self) -> Iterator[Capture]:
+        """Yield the captures one at a time, in the order they were taken.
+
+        Raises
+        ------
+        MissingFileError, DamagedFileError, FormatError, VersionError
+            If a capture cannot be read; the message names the file.
+        """
+        for number in self.numbers:
+            yield read_capture(_capture_path(self.path, number))
+
+    def attachments(self, number: int) -> Mapping[str, bytes]:
+        """Return a capture's attachments without reading its image and cloud.
+
+        Parameters
+        ----------
+        number : int
+            One of `numbers`.
+
+        Returns
+        -------
+        mapping of str to bytes
+            Contents by name; each is read and verified when it is looked up.
+
+        Raises
+        ------
+        MissingFileError, DamagedFileError, FormatError, VersionError
+            If one of them cannot be read; the message names the file.
+        """
+        return read_attachments(_capture_path(self.path, number))
+
+    def keys(self) -> tuple[CaptureKey, ...]:
+        """Return the view and exposure time of every capture, in the order they were taken."""
+        return tuple(read_key(_capture_path(self.path, number)) for number in self.numbers)
+
+
+class CampaignWriter:
+    """Adds captures to a campaign on disk; `open_or_create` makes one.
+
+    A folder has one writer at a time. Leave a ``with`` block, or call `close`, to let the next one
+    in; a killed writer lets go by itself.
+    """
+
+    def __init__(self, campaign: CampaignFolder, lock: BaseFileLock) -> None:
+        self._campaign = campaign
+        self._keys = list(campaign.keys())
+        self._next = 1 + max(campaign.numbers, default=-1)
+        self._release = weakref.finalize(self, lock.release)
+
+    @classmethod
+    def open_or_create(
+        cls, path: Path, *, name: str, sensor: ActiveSensor, part: Part
+    ) -> CampaignWriter:
+        """Open a campaign's folder to add captures, or make it.
+
+        What a killed writer left half written is removed.
+
+        Parameters
+        ----------
+        path : Path
+            The folder; made with its parents if it is not there.
+        name : str
+            What people call the campaign.
+        sensor : ActiveSensor
+            The sensor that takes every capture; the same as before, if the folder is there.
+        part : Part
+            The part that is measured; the same as before, if the folder is there.
+
+        Raises
+        ------
+        InputError
+            If the folder holds a campaign of another name, sensor or part.
+        FormatError
+            If the folder holds something else.
+        FileError
+            If another writer has it open, a file in it is damaged, or the disk refuses.
+        """
+        path = Path(path)
+        _make_folder(path)
+        lock = hold_writer_lock(path, "the campaign")
+        try:
+            _sweep(path)
+            if not (path / _DESCRIPTION).exists():
+                _create(path, name, sensor, part)
+            campaign = CampaignFolder(path)
+            _check_same(campaign, name, sensor, part)
+            return cls(campaign, lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    @property
+    def keys(self) -> tuple[CaptureKey, ...]:
+        """View and exposure time of every capture that is there, in the order they were taken."""
+        return tuple(self._keys)
+
+    @property
+    def numbered_keys(self) -> dict[int, CaptureKey]:
+        """Number and key of every capture that was there when the campaign was opened."""
+        return dict(zip(self._campaign.numbers, self._campaign.keys(), strict=True))
+
+    def has(self, view: str, exposure_ms: float) -> bool:
+        """Tell whether a capture is there already, so that an interrupted campaign can go on."""
+        return CaptureKey(view, exposure_ms) in self._keys
+
+    def add(self, capture: Capture) -> None:
+        """Add a capture; it is on the disk, whole, when this returns.
+
+        Raises
+        ------
+        InputError
+            If there is one of this view and exposure time already, or it cannot be this sensor's.
+        FileError
+            If the writer is closed, the disk is full or refuses. What was there stays.
+        """
+        campaign = self._campaign
+        if not self._release.alive:
+            msg = f"the writer of {campaign.path} is closed; open the campaign again to add to it"
+            raise FileError(msg)
+        capture.check_fits(campaign.sensor)
+        _check_new_key(capture.key, set(self._keys), campaign.name)
+        write_capture(_capture_path(campaign.path, self._next), capture)
+        self._keys.append(capture.key)
+        self._next += 1
+
+    def sweep(self) -> None:
+        """Remove what killed workers of this writer left half written."""
+        _sweep(self._campaign.path)
+
+    def close(self) -> None:
+        """Let the next writer in; closing twice does no harm."""
+        self._release()
+
+    def __enter__(self) -> CampaignWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
+    """Write a capture under a number of its own, on behalf of a campaign's open writer.
+
+    For the worker processes of a program that holds the campaign's `CampaignWriter`: it keeps
+    other programs out and tells its workers the numbers. Should two workers come to write the same
+    capture, as after one of them was taken for dead, the first one's is kept and both end well.
+
+    Parameters
+    ----------
+    campaign : Path
+        The campaign's folder.
+    number : int
+        Where in the campaign's order the capture stands.
+    capture : Capture
+        Checked against the sensor by the caller (`Capture.check_fits`).
+
+    Raises
+    ------
+    FileError
+        If there is another capture of this number, the disk is full or refuses.
+    """
+    path = _capture_path(campaign, number)
+    if _holds(path, capture.key):
+        return
+    try:
+        write_capture(path, capture)
+    except FileError:
+        if not _holds(path, capture.key):  # else somebody was quicker
+            raise
+
+
+def _sweep(campaign: Path) -> None:
+    sweep_unfinished(campaign)
+    sweep_unfinished(campaign / _CAPTURES)
+
+
+def _holds(folder: Path, key: CaptureKey) -> bool:
+    """Tell whether a folder holds the capture of a view and exposure time."""
+    try:
+        return read_key(folder) == key
+    except FileError:
+        return False
+
+
+def _capture_path(campaign: Path, number: int) -> Path:
+    return campaign / _CAPTURES / f"{number:06d}"
+
+
+def _capture_numbers(folder: Path) -> Iterator[int]:
+    for entry in folder.iterdir() if folder.is_dir() else ():
+        if re.fullmatch(r"\d{6,}", entry.name):  # neither unfinished nor somebody's own folder
+            yield int(entry.name)
+
+
+def _make_folder(path: Path) -> None:
+    ours = {_CAPTURES, _SENSOR, _FEATURES, WRITER_LOCK}
+    if path.is_dir() and not (path / _DESCRIPTION).exists():
+        others = [e for e in path.iterdir() if e.name not in ours and not is_unfinished(e)]
+        others += list((path / _CAPTURES).glob("[0-9]*"))
+        if others:
+            msg = (
+                f"{path} holds {others[0].name} and no {_DESCRIPTION}, so it is no campaign; "
+                "choose an empty folder or a new one"
+            )
+            raise FormatError(msg)
+    try:
+        (path / _CAPTURES).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"the folder {path} for a campaign cannot be made: {error.strerror or error}"
+        raise FileError(msg) from error
+
+
+def _create(path: Path, name: str, sensor: ActiveSensor, part: Part) -> None:
+    sensor_json = sensor.to_json().encode()
+    features_csv = features_to_csv(part.features).encode()
+    description = _Description(
+        name=name,
+        part=part.name,
+        sensor_sha256=sha256_of(sensor_json),
+        features_sha256=sha256_of(features_csv),
+    )
+    write_durably(path / _SENSOR, sensor_json)
+    write_durably(path / _FEATURES, features_csv)
+    # Last, because its presence says that the campaign was made.
+    write_durably(path / _DESCRIPTION, _FORMAT.seal(description))
+
+
+def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part: Part) -> None:
+    """Refuse to mix captures of different sensors or parts in one campaign."""
+    if campaign.name != name:
+        difference = f"is called {campaign.name!r} and not {name!r}"
+    elif not _alike(json.loads(campaign.sensor.to_json()), json.loads(sensor.to_json())):
+        difference = f"was taken by a sensor {campaign.sensor.name!r} that differs from the one now"
+    elif not _alike(_outline(campaign.part), _outline(part)):
+        difference = f"is of a part {campaign.part.name!r} that differs from the one now"
+    else:
+        return
+    msg = f"the campaign in {campaign.path} {difference}; choose another folder for this one"
+    raise InputError(msg)
+
+
+def _outline(part: Part) -> list[object]:
+    features = [
+        [f.name, f.kind, astuple(f.size), f.part_from_feature.to_matrix().tolist()]
+        for f in part.features
+    ]
+    return [part.name, features]
+
+
+def _alike(one: object, other: object) -> bool:
+    """Compare nested lists, dictionaries and values, numbers within `_POSE_TOLERANCE`."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=_POSE_TOLERANCE, abs_tol=_POSE_TOLERANCE)
+    return one == other
+
+
+def _check_new_key(key: CaptureKey, known: set[CaptureKey], campaign: str) -> None:
     """Check that a campaign has no capture of this view and exposure time yet.
 
     Raises

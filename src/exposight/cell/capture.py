@@ -1,37 +1,41 @@
-"""A capture: what a sensor delivered at one view with one exposure time."""
+"""A capture: what a sensor delivered at one view with one exposure time, and its folder on disk."""
 
 from __future__ import annotations
 
+import io
 import math
 import re
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
+import cv2
 import numpy as np
+from pydantic import Field
 
-from exposight.errors import CloudError, ImageError, InputError
+from exposight.cell.cloud import Cloud
+from exposight.cell.image import GREY_MAX, Image, check_levels, full_scale, png_bytes
+from exposight.cell.sensor import StoredPose
+from exposight.errors import CloudError, FormatError, ImageError, InputError
+from exposight.files.documents import DocumentFormat, sha256_of
+from exposight.files.durable import durable_folder
+from exposight.files.reading import read_bytes, read_verified
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
-    from exposight.cell.cloud import Cloud
     from exposight.cell.sensor import ActiveSensor
     from exposight.geometry import RigidTransform
 
 
-_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz")
+
+_FILE_NAME = "[A-Za-z0-9][A-Za-z0-9._-]*"
 """Never a path into another folder."""
-
-_TYPES = {8: np.dtype(np.uint8), 12: np.dtype(np.uint16), 16: np.dtype(np.uint16)}
-
-
-CAPTURE_FILES = (DESCRIPTION_FILE, IMAGE_FILE, CLOUD_FILE) = (
-    "capture.json",
-    "image.png",
-    "cloud.npz",
-)
-"""Names of a stored capture's files, which its attachments cannot have."""
 
 
 class CaptureKey(NamedTuple):
@@ -39,53 +43,6 @@ class CaptureKey(NamedTuple):
 
     view: str
     exposure_ms: float
-
-
-def check_image(
-    image: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return a copy of a grey image that has the bit depth it is said to have, read-only.
-
-    A copy, because cameras fill the same buffer again with their next image.
-
-    Parameters
-    ----------
-    image : (rows, columns) ndarray
-        uint8 for 8 bits, uint16 for 12 or 16 bits.
-    bit_depth : {8, 12, 16}
-        12 means that a uint16 image uses values up to 4095.
-
-    Raises
-    ------
-    ImageError
-        If the image is in colour, or of another type or range than the depth says.
-    """
-    if bit_depth not in _TYPES:
-        msg = f"a bit depth must be 8, 12 or 16, got {bit_depth}"
-        raise ImageError(msg)
-    if image.ndim != 2 or image.size == 0:
-        what = "a colour image" if image.ndim == 3 else "an array"
-        msg = (
-            f"a capture needs a grey image of shape (rows, columns), got {what} of shape "
-            f"{image.shape}; convert it to grey"
-        )
-        raise ImageError(msg)
-    expected = _TYPES[bit_depth]
-    if image.dtype != expected:
-        msg = (
-            f"an image of {bit_depth} bits needs {expected}, got {image.dtype}; say its true "
-            "bit_depth (8, 12 or 16), or convert it"
-        )
-        raise ImageError(msg)
-    if bit_depth == 12 and int(image.max()) > 4095:
-        msg = (
-            f"an image of 12 bits has values up to 4095, got {int(image.max())}; say "
-            "bit_depth=16, or shift the values if the camera left-aligns them"
-        )
-        raise ImageError(msg)
-    own = image.copy()
-    own.setflags(write=False)
-    return own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,8 +62,8 @@ class Capture:
         cloud without any point.
     camera_from_part : RigidTransform
         Where the part stood, as the cell reports it.
-    bit_depth : {8, 12, 16}
-        Bits of the image: uint8 for 8, uint16 for 12 or 16.
+    bit_depth : {8, 10, 12, 16}
+        Bits of the image: uint8 for 8, the low bits of uint16 for more.
     emulated : bool
         True where the exposure was computed from another one and not taken by a camera.
     notes : str
@@ -126,7 +83,7 @@ class Capture:
 
     view: str
     exposure_ms: float
-    image: NDArray[np.uint8] | NDArray[np.uint16]
+    image: Image
     cloud: Cloud | None
     camera_from_part: RigidTransform
     bit_depth: int = 8
@@ -142,14 +99,14 @@ class Capture:
             msg = f"an exposure time must be above 0 ms, got {self.exposure_ms} ms"
             raise InputError(msg)
         for name in self.attachments:
-            if not _FILE_NAME.fullmatch(name) or name in CAPTURE_FILES:
+            if not re.fullmatch(_FILE_NAME, name) or name in _FILES:
                 msg = (
                     f"an attachment needs the name of a file of its own in letters, digits, '.', "
                     f"'_' and '-', got {name!r}"
                 )
                 raise InputError(msg)
         object.__setattr__(self, "exposure_ms", float(self.exposure_ms))
-        object.__setattr__(self, "image", check_image(self.image, self.bit_depth))
+        object.__setattr__(self, "image", _own_image(self.image, self.bit_depth))
 
     @property
     def key(self) -> CaptureKey:
@@ -176,6 +133,11 @@ class Capture:
             raise CloudError(msg)
         return self.cloud
 
+    @property
+    def full_scale(self) -> int:
+        """The image's largest grey level, at which a pixel counts as clipped."""
+        return full_scale(self.bit_depth)
+
     def grey_levels(self) -> NDArray[np.uint8] | NDArray[np.float32]:
         """Return the image in grey levels from 0 to 255, the paper's scale.
 
@@ -186,7 +148,7 @@ class Capture:
         """
         if self.image.dtype == np.uint8:
             return self.image.view(np.uint8)
-        scale = np.float32(255.0 / (2**self.bit_depth - 1))
+        scale = np.float32(GREY_MAX / self.full_scale)
         return np.multiply(self.image, scale, dtype=np.float32)
 
     def check_fits(self, sensor: ActiveSensor) -> None:
@@ -216,3 +178,208 @@ class Capture:
             )
             raise CloudError(msg)
         sensor.check_exposure(self.exposure_ms)
+
+
+def _own_image(image: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int) -> Image:
+    """Return a read-only copy of a grey image: cameras fill the same buffer with their next one."""
+    if image.ndim != 2 or image.size == 0:
+        what = "a colour image" if image.ndim == 3 else "an array"
+        msg = (
+            f"a capture needs a grey image of shape (rows, columns), got {what} of shape "
+            f"{image.shape}; convert it to grey"
+        )
+        raise ImageError(msg)
+    copy = check_levels(image, bit_depth, "image").copy()
+    copy.setflags(write=False)
+    return copy
+
+
+# -- on disk ------------------------------------------------------------------------------------
+
+_Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Description:
+    """What ``capture.json`` says (``docs/formats.md``)."""
+
+    view: str
+    exposure_ms: float
+    bit_depth: int
+    emulated: bool
+    notes: str
+    camera_from_part: StoredPose
+    image_sha256: _Checksum
+    cloud_sha256: _Checksum | None
+    beside_sha256: dict[Annotated[str, Field(pattern=f"^{_FILE_NAME}$")], _Checksum] = field(
+        default_factory=dict
+    )
+    """Of the attachments; not in version 1."""
+
+
+_FORMAT = DocumentFormat("exposight capture", 2, _Description)
+"""2: a capture may lack its cloud, and have attachments."""
+
+
+def write_capture(folder: Path, capture: Capture) -> None:
+    """Write a capture as a new folder that appears whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder to make.
+    capture : Capture
+        What goes into it, its attachments included.
+
+    Raises
+    ------
+    FileError
+        If the disk is full or refuses for another reason.
+    """
+    files = {**capture.attachments, _IMAGE: png_bytes(capture.image)}
+    if capture.cloud is not None:
+        files[_CLOUD] = _npz(capture.cloud)
+    checksums = {name: sha256_of(content) for name, content in files.items()}
+    description = _Description(
+        view=capture.view,
+        exposure_ms=capture.exposure_ms,
+        bit_depth=capture.bit_depth,
+        emulated=capture.emulated,
+        notes=capture.notes,
+        camera_from_part=capture.camera_from_part,
+        image_sha256=checksums.pop(_IMAGE),
+        cloud_sha256=checksums.pop(_CLOUD, None),
+        beside_sha256=checksums,
+    )
+    with durable_folder(folder) as unfinished:
+        for name, content in files.items():
+            (unfinished / name).write_bytes(content)
+        (unfinished / _DESCRIPTION).write_bytes(_FORMAT.seal(description))
+
+
+def read_key(folder: Path) -> CaptureKey:
+    """Return the view and the exposure time of a capture without reading its image and cloud.
+
+    Raises
+    ------
+    MissingFileError, DamagedFileError, FormatError, VersionError
+        As `read_capture`.
+    """
+    description = _read_description(folder)
+    return CaptureKey(description.view, description.exposure_ms)
+
+
+def read_capture(folder: Path) -> Capture:
+    """Read a capture and verify its checksums.
+
+    Raises
+    ------
+    MissingFileError
+        If the folder or one of its files is not there.
+    DamagedFileError
+        If a file's content is not what was written; the message names it.
+    FormatError
+        If the description is not one of a capture.
+    VersionError
+        If a newer version of exposight wrote it.
+    """
+    description = _read_description(folder)
+    image = _image_from_png(_verified(folder / _IMAGE, description.image_sha256), folder / _IMAGE)
+    cloud = None
+    if description.cloud_sha256 is not None:
+        cloud = _cloud_from_npz(
+            _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
+        )
+    try:
+        return Capture(
+            view=description.view,
+            exposure_ms=description.exposure_ms,
+            image=image,
+            cloud=cloud,
+            camera_from_part=description.camera_from_part,
+            bit_depth=description.bit_depth,
+            emulated=description.emulated,
+            notes=description.notes,
+            attachments=StoredAttachments(folder, description.beside_sha256),
+        )
+    except InputError as error:
+        msg = f"{folder}: {error}"
+        raise FormatError(msg) from error
+
+
+class StoredAttachments(Mapping[str, bytes]):
+    """A stored capture's further files by name, each read and verified when it is looked up.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    checksums : mapping of str to str
+        SHA-256 of each by its name.
+    """
+
+    def __init__(self, folder: Path, checksums: Mapping[str, str]) -> None:
+        self._folder = folder
+        self._checksums = dict(sorted(checksums.items()))
+
+    def __getitem__(self, name: str) -> bytes:
+        return _verified(self._folder / name, self._checksums[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._checksums)
+
+    def __len__(self) -> int:
+        return len(self._checksums)
+
+
+def read_attachments(folder: Path) -> StoredAttachments:
+    """Return the further files of a capture without reading its image and cloud.
+
+    Raises
+    ------
+    MissingFileError, DamagedFileError, FormatError, VersionError
+        As `read_capture`; looking up a file may raise the first two as well.
+    """
+    return StoredAttachments(folder, _read_description(folder).beside_sha256)
+
+
+def _read_description(folder: Path) -> _Description:
+    path = folder / _DESCRIPTION
+    return _FORMAT.unseal(read_bytes(path, "file of a campaign"), str(path))
+
+
+def _verified(path: Path, sha256: str) -> bytes:
+    return read_verified(path, sha256, "file of a campaign")
+
+
+def _image_from_png(data: bytes, path: Path) -> Image:
+    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        msg = f"{path} is no PNG image"
+        raise FormatError(msg)
+    return cast("Image", image)  # `Capture` checks it
+
+
+def _npz(cloud: Cloud) -> bytes:
+    """Pack a cloud as its shape, its valid bits and its valid points: missing points cost a bit."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        shape=np.array(cloud.valid.shape, dtype=np.int64),
+        valid=np.packbits(cloud.valid),
+        points=cloud.valid_points,
+    )
+    return buffer.getvalue()
+
+
+def _cloud_from_npz(data: bytes, path: Path) -> Cloud:
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            shape = tuple(arrays["shape"].tolist())
+            valid = np.unpackbits(arrays["valid"], count=int(np.prod(shape))).astype(bool)
+            points = np.full((valid.size, 3), np.nan, dtype=np.float32)
+            points[valid] = arrays["points"]
+            return Cloud(points=points.reshape(*shape, 3))
+    except (KeyError, ValueError, TypeError, zipfile.BadZipFile, InputError) as error:
+        msg = f"{path} is no cloud of a capture ({error}); expected shape, valid bits and points"
+        raise FormatError(msg) from error

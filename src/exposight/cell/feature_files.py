@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from exposight.cell.kinds import RULES, FeatureKind
-from exposight.cell.part import Feature, check_unique_names
-from exposight.errors import FeatureError, FormatError, MissingFileError
+from exposight.cell.part import RULES, Feature, FeatureKind, check_unique_names
+from exposight.errors import FeatureError, FormatError
 from exposight.files.columns import check_columns
 from exposight.files.durable import write_durably
+from exposight.files.reading import read_text
 from exposight.geometry import RigidTransform, rotation_facing
 
 if TYPE_CHECKING:
@@ -54,16 +54,7 @@ def read_features(path: Path) -> tuple[Feature, ...]:
     FeatureError
         If a number is NaN, a size is not positive, or two features share a name.
     """
-    path = Path(path)
-    if not path.is_file():
-        msg = f"no feature list at {path}"
-        raise MissingFileError(msg)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        msg = f"{path} is not UTF-8 text; save the feature list as CSV in UTF-8"
-        raise FormatError(msg) from error
-    return features_from_csv(text, path)
+    return features_from_csv(read_text(path, "feature list"), Path(path))
 
 
 def write_features(path: Path, features: Iterable[Feature]) -> None:

@@ -1,22 +1,224 @@
-"""Features, and the part that carries them."""
+"""Features, the region of the surface that each kind is measured by, and the part that has them.
+
+This is the one place that a new kind needs: write a rule that checks a feature's sizes and gives
+its region as a hollow cylinder in the feature's frame, add it to `RULES`, and its name to
+`FeatureKind`. Files, masks, observations and models then take it as they are.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
 
-from exposight.cell.kinds import (
-    PAPER_TOLERANCE,
-    RULES,
-    FeatureKind,
-    FeatureSize,
-    RingTolerance,
-)
 from exposight.errors import FeatureError
+from exposight.geometry import HollowCylinder
 
 if TYPE_CHECKING:
-    from exposight.geometry import HollowCylinder, RigidTransform
+    from collections.abc import Mapping
+
+    from exposight.geometry import RigidTransform
+
+
+FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
+
+SPHERE_CAP_DEG = 45.0
+"""Half angle of the cap that a sphere is measured by.
+
+A convention of ours: beyond it the surface turns too far away from a sensor that faces the feature.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RingTolerance:
+    """How far the measured region reaches beyond a feature (Sects. 3.1.1 and 3.1.3 of the paper).
+
+    Parameters
+    ----------
+    height_mm : float, mm
+        h of the hollow cylinder: how thick a slice of space counts as the surface.
+    inner_mm, outer_mm : float, mm
+        r_tol,i and r_tol,o: the ring begins and ends this far outside the feature's edge.
+
+    Raises
+    ------
+    FeatureError
+        If the height is not positive or not 0 ≤ inner < outer.
+    """
+
+    height_mm: float = 20.0
+    inner_mm: float = 3.0
+    outer_mm: float = 5.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.height_mm, self.inner_mm, self.outer_mm)
+        if not (
+            all(map(math.isfinite, numbers))
+            and self.height_mm > 0
+            and 0 <= self.inner_mm < self.outer_mm
+        ):
+            msg = (
+                "a ring's tolerance needs a height above 0 and 0 ≤ inner < outer in mm, got "
+                f"height {self.height_mm:g}, inner {self.inner_mm:g}, outer {self.outer_mm:g}"
+            )
+            raise FeatureError(msg)
+
+
+PAPER_TOLERANCE = RingTolerance()
+"""h = 20 mm, r_tol,i = 3 mm, r_tol,o = 5 mm (Sect. 3.1.3 of the paper)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureSize:
+    """A feature's sizes in mm; length and width are None for kinds that have none."""
+
+    radius_mm: float
+    length_mm: float | None = None
+    width_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindRule:
+    """What a kind of feature is.
+
+    Parameters
+    ----------
+    meaning : str
+        What its sizes mean, for people.
+    has_length : bool
+        Whether it has a length along its x axis and a width along its y axis.
+    smallest_radius_mm : float or None, mm
+        The radius must be at least this; None where it must be above 0.
+    fault : callable
+        Says what is wrong with sizes that are finite and not negative; empty where nothing is.
+    region : callable
+        The measured region, in the feature's frame.
+    """
+
+    meaning: str
+    has_length: bool
+    smallest_radius_mm: float | None
+    fault: Callable[[FeatureSize], str]
+    region: Callable[[FeatureSize, RingTolerance], HollowCylinder]
+
+
+def _length_and_width(size: FeatureSize) -> tuple[float, float]:
+    if size.length_mm is None or size.width_mm is None:
+        msg = "this kind of feature needs length_mm and width_mm"
+        raise FeatureError(msg)
+    return size.length_mm, size.width_mm
+
+
+def _no_fault(_size: FeatureSize) -> str:
+    return ""
+
+
+def _ring(
+    radius_mm: float, tolerance: RingTolerance, core_half_size_mm: tuple[float, float] = (0.0, 0.0)
+) -> HollowCylinder:
+    return HollowCylinder(
+        inner_mm=radius_mm + tolerance.inner_mm,
+        outer_mm=radius_mm + tolerance.outer_mm,
+        height_mm=tolerance.height_mm,
+        core_half_size_mm=core_half_size_mm,
+    )
+
+
+def _hole_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
+    return _ring(size.radius_mm, tolerance)
+
+
+def _slot_fault(size: FeatureSize) -> str:
+    length, width = _length_and_width(size)
+    if length < width:
+        return f"a slot's length_mm must be at least its width_mm {width:g}, got {length:g}"
+    if not math.isclose(2 * size.radius_mm, width, rel_tol=1e-6):
+        return f"a slot's radius_mm is half its width_mm, {width / 2:g}, got {size.radius_mm:g}"
+    return ""
+
+
+def _slot_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
+    length, width = _length_and_width(size)
+    return _ring(width / 2, tolerance, ((length - width) / 2, 0.0))
+
+
+def _pocket_fault(size: FeatureSize) -> str:
+    length, width = _length_and_width(size)
+    if 2 * size.radius_mm > min(length, width):
+        return (
+            f"a pocket's radius_mm is that of its corners, at most {min(length, width) / 2:g} for "
+            f"{length:g} × {width:g} mm, got {size.radius_mm:g}"
+        )
+    return ""
+
+
+def _pocket_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
+    length, width = _length_and_width(size)
+    core = (length / 2 - size.radius_mm, width / 2 - size.radius_mm)
+    return _ring(size.radius_mm, tolerance, core)
+
+
+def _surface_point_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
+    return HollowCylinder(inner_mm=0.0, outer_mm=size.radius_mm, height_mm=tolerance.height_mm)
+
+
+def _sphere_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
+    # A sphere's area is spread evenly along its axis (Archimedes), so the cap's mean height is
+    # halfway between its pole and its rim. z points into the material: the pole is at −radius.
+    cos_rim = math.cos(math.radians(SPHERE_CAP_DEG))
+    return HollowCylinder(
+        inner_mm=0.0,
+        outer_mm=size.radius_mm * math.sin(math.radians(SPHERE_CAP_DEG)),
+        height_mm=size.radius_mm * (1 - cos_rim) + tolerance.height_mm,
+        plane_z_mm=-size.radius_mm * (1 + cos_rim) / 2,
+    )
+
+
+RULES: Mapping[FeatureKind, KindRule] = MappingProxyType(
+    {
+        "hole": KindRule(
+            meaning="round hole of radius_mm; measured by the ring around it (Eq. 4)",
+            has_length=False,
+            smallest_radius_mm=None,
+            fault=_no_fault,
+            region=_hole_region,
+        ),
+        "slot": KindRule(
+            meaning="long hole with round ends, length_mm overall by width_mm = 2 radius_mm; "
+            "measured by the stadium around it",
+            has_length=True,
+            smallest_radius_mm=None,
+            fault=_slot_fault,
+            region=_slot_region,
+        ),
+        "pocket": KindRule(
+            meaning="rectangular opening, length_mm by width_mm, corners of radius_mm (0 = sharp); "
+            "measured by the rounded frame around it",
+            has_length=True,
+            smallest_radius_mm=0.0,
+            fault=_pocket_fault,
+            region=_pocket_region,
+        ),
+        "sphere": KindRule(
+            meaning="sphere of radius_mm about the feature's origin; measured by its cap up to "
+            "45° from the normal",
+            has_length=False,
+            smallest_radius_mm=None,
+            fault=_no_fault,
+            region=_sphere_region,
+        ),
+        "surface_point": KindRule(
+            meaning="point on a closed surface; measured by the disc of radius_mm around it",
+            has_length=False,
+            smallest_radius_mm=None,
+            fault=_no_fault,
+            region=_surface_point_region,
+        ),
+    }
+)
+"""What each kind of feature is; its keys are the values of `FeatureKind`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,25 +1,42 @@
-"""An active 3D sensor: cameras, projector, TCP, and the exposure times it can take."""
+"""An active 3D sensor: cameras, projector, TCP and exposure times; its JSON; the paper's two.
+
+Each figure of the presets has its source beside it. What the paper does not give is said to be
+assumed; replace it with your own sensor's calibration (`write_sensor`, edit, `read_sensor`).
+
+Table 7 gives each projector's "transformation between camera and projector" as a position and
+"(0, −20, 0)°". It is read here as ``camera_from_projector``: the projector's position in the
+camera's frame, and its axes turned by Ry(−20°) within it. Its optical axis is then
+Ry(−20°)·(0, 0, 1) = (−0.34, 0, 0.94): a projector at x = +220 mm looks back towards −x and crosses
+the measuring field, and surfaces at +x are lit more strongly, as Sect. 3.4.8 reports. Turned by
++20° instead it would look away from the field.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Literal
 
-from exposight.cell.sensor_document import (
-    SENSOR_FORMAT,
-    SENSOR_VERSION,
-    CameraDocument,
-    ExposureDocument,
-    ProjectorDocument,
-    SensorDocument,
-    pose_from_rows,
-    rows_from_pose,
-)
-from exposight.errors import FormatError, InputError, MissingFileError, SensorError
-from exposight.files.documents import check_header, parse_json, validate
+import numpy as np
+from pydantic import Field
+
+from exposight.errors import SensorError, did_you_mean
+from exposight.files.documents import DocumentFormat, StoredAs
 from exposight.files.durable import write_durably
+from exposight.files.reading import read_text
 from exposight.geometry import PinholeCamera, RigidTransform
+
+_Row = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
+_Rows = Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)]
+
+StoredPose = Annotated[
+    RigidTransform,
+    StoredAs(_Rows, write=lambda pose: pose.to_matrix().tolist(), read=RigidTransform.from_matrix),
+]
+"""A pose that files hold as a 4×4 matrix, row by row, translation in mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +52,7 @@ class Projector:
     """
 
     camera: PinholeCamera
-    camera_from_projector: RigidTransform
+    camera_from_projector: StoredPose
 
     @property
     def width(self) -> int:
@@ -46,6 +63,39 @@ class Projector:
     def height(self) -> int:
         """Rows of the pattern."""
         return self.camera.height
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureRange:
+    """Exposure times that a sensor can take, all in ms.
+
+    Parameters
+    ----------
+    min_ms, max_ms : float, ms
+        Shortest and longest.
+    increment_ms : float, ms
+        The step between settings.
+
+    Raises
+    ------
+    SensorError
+        Unless 0 < minimum ≤ maximum and the increment is above 0.
+    """
+
+    min_ms: float
+    max_ms: float
+    increment_ms: float
+
+    def __post_init__(self) -> None:
+        numbers = low, high, step = [*map(float, (self.min_ms, self.max_ms, self.increment_ms))]
+        if not (all(map(math.isfinite, numbers)) and 0 < low <= high and step > 0):
+            msg = (
+                "exposure times need 0 < minimum ≤ maximum and an increment above 0 in ms, got "
+                f"{low:g}, {high:g} and {step:g}"
+            )
+            raise SensorError(msg)
+        for name, number in zip(("min_ms", "max_ms", "increment_ms"), numbers, strict=True):
+            object.__setattr__(self, name, number)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +115,8 @@ class ActiveSensor:
     camera_from_tcp : RigidTransform
         Where the tool centre point is, seen from the first camera: origin in the middle plane of
         the working volume, axes parallel to the camera's.
-    exposure_min_ms, exposure_max_ms, exposure_increment_ms : float, ms
-        Exposure times it can take: minimum, maximum, and the step between settings.
+    exposure : ExposureRange
+        Exposure times that it can take.
     working_distance_mm : (float, float), mm
         Nearest and farthest distance along the first camera's axis at which it measures.
 
@@ -78,19 +128,15 @@ class ActiveSensor:
 
     name: str
     cameras: tuple[PinholeCamera, ...]
-    first_from_camera: tuple[RigidTransform, ...]
+    first_from_camera: tuple[StoredPose, ...]
     projector: Projector | None
-    camera_from_tcp: RigidTransform
-    exposure_min_ms: float
-    exposure_max_ms: float
-    exposure_increment_ms: float
+    camera_from_tcp: StoredPose
+    exposure: ExposureRange
     working_distance_mm: tuple[float, float]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
         object.__setattr__(self, "first_from_camera", tuple(self.first_from_camera))
-        for name in ("exposure_min_ms", "exposure_max_ms", "exposure_increment_ms"):
-            object.__setattr__(self, name, float(getattr(self, name)))
         near, far = self.working_distance_mm
         object.__setattr__(self, "working_distance_mm", (float(near), float(far)))
         fault = self._fault()
@@ -108,12 +154,6 @@ class ActiveSensor:
             )
         if self.first_from_camera[0] != RigidTransform():
             return "the first pose in first_from_camera must be the identity"
-        low, high, step = self.exposure_min_ms, self.exposure_max_ms, self.exposure_increment_ms
-        if not (all(map(math.isfinite, (low, high, step))) and 0 < low <= high and step > 0):
-            return (
-                "exposure times need 0 < minimum ≤ maximum and an increment above 0 in ms, got "
-                f"{low:g}, {high:g} and {step:g}"
-            )
         near, far = self.working_distance_mm
         if not (math.isfinite(far) and 0 < near < far):
             return f"working distances need 0 < near < far in mm, got {near:g} and {far:g}"
@@ -137,10 +177,10 @@ class ActiveSensor:
         SensorError
             If it is outside the sensor's range, or not a number.
         """
-        if not self.exposure_min_ms <= exposure_ms <= self.exposure_max_ms:
+        if not self.exposure.min_ms <= exposure_ms <= self.exposure.max_ms:
             msg = (
-                f"sensor {self.name!r} takes exposure times from {self.exposure_min_ms:g} to "
-                f"{self.exposure_max_ms:g} ms, got {exposure_ms:g} ms; choose one in that range, "
+                f"sensor {self.name!r} takes exposure times from {self.exposure.min_ms:g} to "
+                f"{self.exposure.max_ms:g} ms, got {exposure_ms:g} ms; choose one in that range, "
                 "and check the unit"
             )
             raise SensorError(msg)
@@ -161,38 +201,17 @@ class ActiveSensor:
         SensorError
             If it is outside the sensor's range, or not a number.
         """
-        above = self.check_exposure(exposure_ms) - self.exposure_min_ms
-        span = self.exposure_max_ms - self.exposure_min_ms
+        exposure = self.exposure
+        above = self.check_exposure(exposure_ms) - exposure.min_ms
         # Without the slack a span of 2.9999999 increments would lose its last setting.
-        last = math.floor(span / self.exposure_increment_ms + 1e-6)
-        steps = min(round(above / self.exposure_increment_ms), last)
+        last = math.floor((exposure.max_ms - exposure.min_ms) / exposure.increment_ms + 1e-6)
+        steps = min(round(above / exposure.increment_ms), last)
         # Nanoseconds are finer than any camera: rounding only drops the dust of the sum.
-        return round(self.exposure_min_ms + steps * self.exposure_increment_ms, 6)
+        return round(exposure.min_ms + steps * exposure.increment_ms, 6)
 
     def to_json(self) -> str:
         """Return the sensor as a JSON document (``docs/formats.md``)."""
-        projector = None
-        if self.projector is not None:
-            projector = ProjectorDocument(
-                camera=CameraDocument.describe(self.projector.camera),
-                camera_from_projector=rows_from_pose(self.projector.camera_from_projector),
-            )
-        document = SensorDocument(
-            format=SENSOR_FORMAT,
-            version=SENSOR_VERSION,
-            name=self.name,
-            cameras=tuple(map(CameraDocument.describe, self.cameras)),
-            first_from_camera=tuple(map(rows_from_pose, self.first_from_camera)),
-            projector=projector,
-            camera_from_tcp=rows_from_pose(self.camera_from_tcp),
-            exposure=ExposureDocument(
-                min_ms=self.exposure_min_ms,
-                max_ms=self.exposure_max_ms,
-                increment_ms=self.exposure_increment_ms,
-            ),
-            working_distance_mm=self.working_distance_mm,
-        )
-        return document.model_dump_json(indent=2) + "\n"
+        return _FORMAT.to_json(self)
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "the sensor's JSON") -> ActiveSensor:
@@ -212,35 +231,10 @@ class ActiveSensor:
         VersionError
             If a newer version of exposight wrote it.
         """
-        raw = parse_json(text, source)
-        check_header(raw, format_name=SENSOR_FORMAT, newest=SENSOR_VERSION, source=source)
-        document = validate(SensorDocument, text, source)
-        try:
-            return cls._from_document(document)
-        except InputError as error:
-            msg = f"{source}: {error}"
-            raise FormatError(msg) from error
+        return _FORMAT.from_json(text, source)
 
-    @classmethod
-    def _from_document(cls, document: SensorDocument) -> ActiveSensor:
-        projector = None
-        if document.projector is not None:
-            projector = Projector(
-                camera=document.projector.camera.build(),
-                camera_from_projector=pose_from_rows(document.projector.camera_from_projector),
-            )
-        near, far = document.working_distance_mm
-        return cls(
-            name=document.name,
-            cameras=tuple(camera.build() for camera in document.cameras),
-            first_from_camera=tuple(map(pose_from_rows, document.first_from_camera)),
-            projector=projector,
-            camera_from_tcp=pose_from_rows(document.camera_from_tcp),
-            exposure_min_ms=document.exposure.min_ms,
-            exposure_max_ms=document.exposure.max_ms,
-            exposure_increment_ms=document.exposure.increment_ms,
-            working_distance_mm=(near, far),
-        )
+
+_FORMAT = DocumentFormat("exposight sensor", 1, ActiveSensor)
 
 
 def read_sensor(path: Path) -> ActiveSensor:
@@ -255,15 +249,7 @@ def read_sensor(path: Path) -> ActiveSensor:
     VersionError
         If a newer version of exposight wrote it.
     """
-    path = Path(path)
-    if not path.is_file():
-        msg = f"no sensor file at {path}; `write_sensor` or a preset makes one"
-        raise MissingFileError(msg)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        msg = f"{path} is not UTF-8 text; expected a sensor's JSON"
-        raise FormatError(msg) from error
+    text = read_text(path, "sensor file")
     return ActiveSensor.from_json(text, source=str(path))
 
 
@@ -276,3 +262,133 @@ def write_sensor(path: Path, sensor: ActiveSensor) -> None:
         If the disk refuses.
     """
     write_durably(path, sensor.to_json().encode())
+
+
+PresetName = Literal["comet-pro-ae", "rc-visard-65"]
+
+
+def _ideal_camera(width: int, height: int, focal_length_px: float) -> PinholeCamera:
+    """Square pixels, principal point in the image's middle, no distortion: assumed throughout."""
+    return PinholeCamera(
+        width=width,
+        height=height,
+        fx=focal_length_px,
+        fy=focal_length_px,
+        cx=(width - 1) / 2,
+        cy=(height - 1) / 2,
+    )
+
+
+def _ahead(distance_mm: float) -> RigidTransform:
+    return RigidTransform(translation_mm=np.array([0.0, 0.0, distance_mm]))
+
+
+def _comet_pro_ae() -> ActiveSensor:
+    # Sect. 3.2.1: 4 megapixels. Table 7: a field of 0.59 m × 0.39 m at 0.60 m. 2464 × 1632 is the
+    # size of 4 megapixels at that aspect (assumed), and the field's width gives the focal length.
+    width, height = 2464, 1632
+    focal_length_px = width * 600.0 / 590.0
+    projector = Projector(
+        # 1920 × 1200 px is assumed. Table 7 gives no projector's field, but the real one covers the
+        # measuring field: 1360 px is the longest focal length, rounded down to tens, that lights
+        # the whole field at 0.40, 0.60 and 0.80 m from that position.
+        camera=_ideal_camera(1920, 1200, 1360.0),
+        # Table 7: (0.22, 0.0, 0.08) m and (0, −20, 0)°.
+        camera_from_projector=RigidTransform.from_fanuc_wpr((220.0, 0.0, 80.0), 0.0, -20.0, 0.0),
+    )
+    return ActiveSensor(
+        name="ZEISS COMET Pro AE",
+        cameras=(_ideal_camera(width, height, focal_length_px),),
+        first_from_camera=(RigidTransform(),),
+        projector=projector,
+        # Sect. 3.1.2: the TCP lies in the middle plane of the working volume; Table 7: 0.60 m. That
+        # it lies on the camera's axis is assumed.
+        camera_from_tcp=_ahead(600.0),
+        # Table 7: 1–1000 ms. The increment is assumed: the paper's exposure times are whole ms.
+        exposure=ExposureRange(min_ms=1.0, max_ms=1000.0, increment_ms=1.0),
+        working_distance_mm=(400.0, 800.0),  # Table 7: planes at 0.40, 0.60 and 0.80 m
+    )
+
+
+def _rc_visard_65() -> ActiveSensor:
+    # Roboception's hardware specification: 1280 × 960 px, 61° × 48°, baseline 65 mm. 61° across
+    # gives the focal length; with square pixels the height is then 47.7°.
+    width, height = 1280, 960
+    focal_length_px = width / 2 / math.tan(math.radians(61.0 / 2))
+    camera = _ideal_camera(width, height, focal_length_px)
+    projector = Projector(
+        # 1024 × 1024 px is assumed, and so is the field of 77° × 77°: Roboception gives 62° × 48°
+        # for the RandomDot, but from the position in Table 7, 290 mm before the middle plane, that
+        # would light only half of the measuring field.
+        camera=_ideal_camera(1024, 1024, 640.0),
+        # Table 7: (0.18, −0.05, 0.21) m and (0, −20, 0)°.
+        camera_from_projector=RigidTransform.from_fanuc_wpr((180.0, -50.0, 210.0), 0.0, -20.0, 0.0),
+    )
+    return ActiveSensor(
+        name="Roboception rc_visard 65 with RandomDot projector",
+        cameras=(camera, camera),
+        # Rectified pair: the second (right) camera stands one baseline along +x.
+        first_from_camera=(
+            RigidTransform(),
+            RigidTransform(translation_mm=np.array([65.0, 0.0, 0.0])),
+        ),
+        projector=projector,
+        # Table 7: the middle one of three planes is at 0.50 m. On the left camera's axis: assumed.
+        camera_from_tcp=_ahead(500.0),
+        # Table 7: 0.07–18 ms. The increment is assumed: 1 µs, the unit of GenICam's ExposureTime.
+        exposure=ExposureRange(min_ms=0.07, max_ms=18.0, increment_ms=0.001),
+        working_distance_mm=(100.0, 1000.0),  # Table 7: planes at 0.10, 0.50 and 1.00 m
+    )
+
+
+PRESETS: Mapping[PresetName, Callable[[], ActiveSensor]] = MappingProxyType(
+    {"comet-pro-ae": _comet_pro_ae, "rc-visard-65": _rc_visard_65}
+)
+"""Builders of the paper's sensors (Table 7), by name."""
+
+
+def sensor_preset(name: str) -> ActiveSensor:
+    """Return one of the paper's sensors (Table 7).
+
+    Parameters
+    ----------
+    name : {'comet-pro-ae', 'rc-visard-65'}
+        ZEISS COMET Pro AE (structured light) or Roboception rc_visard 65 (active stereo).
+
+    Raises
+    ------
+    SensorError
+        If there is no such preset.
+    """
+    for known, build in PRESETS.items():
+        if known == name:
+            return build()
+    msg = f"no sensor preset is called {name!r}; there are {', '.join(PRESETS)}"
+    raise SensorError(msg + did_you_mean(name, PRESETS))
+
+
+def sensor_named_or_read(name_or_path: str | Path) -> ActiveSensor:
+    """Return the sensor that a preset's name or the path of a JSON file stands for.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A key of `PRESETS`, or a sensor's JSON file.
+
+    Raises
+    ------
+    SensorError
+        If it is neither.
+    FileError
+        If the file cannot be read as a sensor.
+    """
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in PRESETS:
+        return sensor_preset(name)
+    if path.is_file() or path.suffix.lower() == ".json":
+        return read_sensor(path)
+    msg = (
+        f"no sensor '{name}': expected one of the presets {', '.join(PRESETS)}, or the JSON file "
+        "of a sensor (every campaign folder has its own, sensor.json)"
+    )
+    raise SensorError(msg + did_you_mean(name, PRESETS))

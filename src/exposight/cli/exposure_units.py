@@ -67,5 +67,5 @@ def _range_ms(model: GaussianProcessModel) -> tuple[float, float] | None:
     if model.target == "exposure_ms":
         return model.target_range
     if model.sensor is not None:
-        return model.sensor.exposure_min_ms, model.sensor.exposure_max_ms
+        return model.sensor.exposure.min_ms, model.sensor.exposure.max_ms
     return None

@@ -103,9 +103,9 @@ def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
 def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
     """Return what is known about a sensor."""
     low, high, step = (
-        sensor.exposure_min_ms,
-        sensor.exposure_max_ms,
-        sensor.exposure_increment_ms,
+        sensor.exposure.min_ms,
+        sensor.exposure.max_ms,
+        sensor.exposure.increment_ms,
     )
     projector = sensor.projector
     tcp_mm = sensor.camera_from_tcp.translation_mm.tolist()

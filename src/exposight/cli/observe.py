@@ -70,7 +70,7 @@ _Outer = Annotated[
     float, typer.Option("--outer", metavar="MM", help="The ring ends so far outside the edge, mm.")
 ]
 _Image = Annotated[Path | None, _single("FILE", "Stripe image, grey.")]
-_BitDepth = Annotated[int | None, _single("BITS", "Of the image: 8 (default), 12 or 16.")]
+_BitDepth = Annotated[int | None, _single("BITS", "Of the image: 8 (default), 10, 12 or 16.")]
 _Cloud = Annotated[Path | None, _single("FILE", "Point cloud in the camera's frame.")]
 _CloudUnit = Annotated[
     CloudUnit | None, _single("UNIT", "Of the cloud: mm (default), cm or m; files do not tell.")

@@ -179,9 +179,9 @@ def _exposure_document(
     sensor = model.sensor
     if sensor is None:
         return {"sensor_range_ms": None, "in_sensor_range": None, "nearest_setting_ms": None}
-    inside = sensor.exposure_min_ms <= mean <= sensor.exposure_max_ms
+    inside = sensor.exposure.min_ms <= mean <= sensor.exposure.max_ms
     return {
-        "sensor_range_ms": [sensor.exposure_min_ms, sensor.exposure_max_ms],
+        "sensor_range_ms": [sensor.exposure.min_ms, sensor.exposure.max_ms],
         "in_sensor_range": inside,
         "nearest_setting_ms": sensor.nearest_exposure(mean) if inside and trusted else None,
     }
@@ -196,7 +196,7 @@ def _sensor_facts(
     sensor = model.sensor
     if sensor is None:
         return [("sensor", "the model names none; train with --sensor to check its range")]
-    low, high = sensor.exposure_min_ms, sensor.exposure_max_ms
+    low, high = sensor.exposure.min_ms, sensor.exposure.max_ms
     span = f"{low:g} … {high:g} ms of {sensor.name}"
     if not low <= mean <= high:
         return [("sensor", f"OUTSIDE {span}: it cannot take this exposure")]
@@ -298,7 +298,7 @@ def _frame(
         pl.Series("outside", [" ".join(names) for names in _outside(model, x)]),
     )
     if target == "exposure_ms" and model.sensor is not None:
-        low, high = model.sensor.exposure_min_ms, model.sensor.exposure_max_ms
+        low, high = model.sensor.exposure.min_ms, model.sensor.exposure.max_ms
         in_range = pl.col(f"predicted_{target}").is_between(low, high)
         frame = frame.with_columns(in_range.alias("in_sensor_range"))
     return frame

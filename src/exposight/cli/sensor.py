@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from exposight.cell import ActiveSensor, Projector, write_sensor
+from exposight.cell import ActiveSensor, ExposureRange, Projector, write_sensor
 from exposight.cli.facts import sensor_facts
 from exposight.cli.output import JsonOption, note, number, print_facts, print_json, print_line
 from exposight.cli.recordings import is_camera_info
@@ -121,9 +121,9 @@ def sensor_command(
         first_from_camera=(RigidTransform(),),
         projector=own,
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
-        exposure_min_ms=exposures[0],
-        exposure_max_ms=exposures[1],
-        exposure_increment_ms=exposure_step,
+        exposure=ExposureRange(
+            min_ms=exposures[0], max_ms=exposures[1], increment_ms=exposure_step
+        ),
         working_distance_mm=working_distance,
     )
     write_sensor(output, sensor)

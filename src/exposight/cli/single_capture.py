@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import typer
 
 from exposight.cell import (
+    BIT_DEPTHS,
+    BitDepth,
     Capture,
     MemoryCampaign,
     Part,
@@ -18,7 +20,7 @@ from exposight.cell import (
     sensor_named_or_read,
 )
 from exposight.geometry import parse_pose, read_pose
-from exposight.imaging import BitDepth, read_frames
+from exposight.imaging import read_frames
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,8 +112,8 @@ class SingleCapture:
 
 
 def _read_image(path: Path, bit_depth: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    if bit_depth not in get_args(BitDepth):
-        msg = f"--bit-depth must be 8, 12 or 16, got {bit_depth}"
+    if bit_depth not in BIT_DEPTHS:
+        msg = f"--bit-depth must be one of {', '.join(map(str, BIT_DEPTHS))}, got {bit_depth}"
         raise typer.BadParameter(msg)
-    stack = read_frames([path], bit_depth=cast("Literal[8, 12, 16]", bit_depth))
+    stack = read_frames([path], bit_depth=cast("BitDepth", bit_depth))
     return cast("NDArray[np.uint8] | NDArray[np.uint16]", stack.frames[0])

@@ -264,8 +264,8 @@ def _new_view(
 
 def _bracket(chosen_ms: float, sensor: ActiveSensor) -> tuple[float, float, float]:
     """Return an exposure time well below the chosen one, itself, and one well above it."""
-    shorter_ms = max(chosen_ms / _BRACKET, sensor.exposure_min_ms)
-    longer_ms = min(chosen_ms * _BRACKET, sensor.exposure_max_ms)
+    shorter_ms = max(chosen_ms / _BRACKET, sensor.exposure.min_ms)
+    longer_ms = min(chosen_ms * _BRACKET, sensor.exposure.max_ms)
     return sensor.nearest_exposure(shorter_ms), chosen_ms, sensor.nearest_exposure(longer_ms)
 
 

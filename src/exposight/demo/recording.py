@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.io import loadmat
 
-from exposight.cell import ActiveSensor, Cloud, Projector
+from exposight.cell import ActiveSensor, Cloud, ExposureRange, Projector
 from exposight.errors import FormatError, MissingFileError
 from exposight.geometry import ProjectorCamera, RigidTransform, read_projector_camera
 from exposight.imaging import (
@@ -191,8 +191,6 @@ def skull_sensor(rig: ProjectorCamera, cloud: Cloud) -> ActiveSensor:
             camera=rig.projector, camera_from_projector=rig.projector_from_camera.inverse()
         ),
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
-        exposure_min_ms=0.1,
-        exposure_max_ms=1000.0,
-        exposure_increment_ms=0.001,
+        exposure=ExposureRange(min_ms=0.1, max_ms=1000.0, increment_ms=0.001),
         working_distance_mm=_DEPTH_LIMITS_MM,
     )

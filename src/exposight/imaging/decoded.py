@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from exposight.cell import GREY_MAX
 from exposight.errors import ImageError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_FULL_SCALE = 255.0
+class AxisMap(NamedTuple):
+    """One projector axis decoded: coordinate in px (NaN where none), modulation 0–255, flags."""
+
+    coordinate: NDArray[np.float64]
+    modulation: NDArray[np.float32]
+    flags: NDArray[np.uint8]
 
 
 class PixelFlag(IntFlag):
@@ -66,7 +72,7 @@ class DecodingLimits:
                 f"max_residual {self.max_residual}"
             )
             raise ImageError(msg)
-        if self.min_modulation > _FULL_SCALE:
+        if self.min_modulation > GREY_MAX:
             msg = (
                 "the least modulation must be at most 255, where grey levels end (10 is usual), "
                 f"got {self.min_modulation:g}"

@@ -9,9 +9,9 @@ import numpy as np
 from exposight.errors import ImageError
 from exposight.imaging.decoded import DecodedMap, DecodingLimits
 from exposight.imaging.frames import FrameStack, read_frames
-from exposight.imaging.gray_code import AxisMap, decode_gray_code
+from exposight.imaging.gray_code import decode_gray_code
 from exposight.imaging.phase_shift import decode_phase_shift
-from exposight.imaging.sequences import GrayCode, PatternSequence, PhaseShift
+from exposight.imaging.sequences import GrayCode, PatternSequence
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,10 +77,17 @@ def decode(
         )
         raise ImageError(msg)
     limits = limits or DecodingLimits()
-    maps = {
-        axis: _decode_axis(stack, sequence, coding, size, limits)
-        for axis, coding, size in sequence.axes()
-    }
+    maps = {}
+    for axis, coding, size in sequence.axes():
+        decode_axis = decode_gray_code if isinstance(coding, GrayCode) else decode_phase_shift
+        maps[axis] = decode_axis(
+            stack,
+            coding,  # type: ignore[arg-type]
+            size=size,
+            white_frame=sequence.white_frame,
+            black_frame=sequence.black_frame,
+            limits=limits,
+        )
     columns, rows = maps.get("columns"), maps.get("rows")
     both = list(maps.values())
     return DecodedMap(
@@ -92,30 +99,4 @@ def decode(
         projector_height=sequence.projector_height,
         exposure_ms=stack.exposure_ms,
         emulated=stack.emulated,
-    )
-
-
-def _decode_axis(
-    stack: FrameStack,
-    sequence: PatternSequence,
-    coding: GrayCode | PhaseShift,
-    size: int,
-    limits: DecodingLimits,
-) -> AxisMap:
-    if isinstance(coding, GrayCode):
-        return decode_gray_code(
-            stack,
-            coding,
-            size=size,
-            white_frame=sequence.white_frame,
-            black_frame=sequence.black_frame,
-            limits=limits,
-        )
-    return decode_phase_shift(
-        stack,
-        coding,
-        size=size,
-        white_frame=sequence.white_frame,
-        black_frame=sequence.black_frame,
-        limits=limits,
     )

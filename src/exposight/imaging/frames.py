@@ -1,67 +1,24 @@
-"""Stacks of grey frames taken with one exposure, in memory and from image files."""
+"""Stacks of grey frames taken with one exposure, in memory and from image files.
+
+`re_expose` emulates other exposure times, for scenes that were recorded only once.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
+from typing import cast
 
 import cv2
 import numpy as np
 
+from exposight.cell import BitDepth, Image, check_levels, full_scale
 from exposight.errors import ImageError, MissingFileError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-
-Frames: TypeAlias = "NDArray[np.uint8] | NDArray[np.uint16]"
-
-BitDepth = Literal[8, 12, 16]
-BIT_DEPTHS: dict[int, type[np.uint8 | np.uint16]] = {8: np.uint8, 12: np.uint16, 16: np.uint16}
-"""Array type for each bit depth; 12 bits stand in the low bits of 16."""
-
-
-def check_frames(frames: NDArray[Any], bit_depth: int) -> Frames:
-    """Return frames as a contiguous stack after checking them against their bit depth.
-
-    Parameters
-    ----------
-    frames : (n, rows, columns) ndarray of uint8 or uint16
-        Grey levels 0 … 2^bit_depth − 1.
-    bit_depth : int
-        8 (uint8), 12 or 16 (uint16).
-
-    Raises
-    ------
-    ImageError
-        If shape, type, bit depth or a grey level does not fit.
-    """
-    if bit_depth not in BIT_DEPTHS:
-        msg = f"a bit depth must be 8, 12 or 16, got {bit_depth}"
-        raise ImageError(msg)
-    array = np.asarray(frames)
-    if array.ndim != 3 or 0 in array.shape:
-        msg = f"frames must have shape (n, rows, columns), none of them 0, got {array.shape}"
-        raise ImageError(msg)
-    expected = BIT_DEPTHS[bit_depth]
-    if array.dtype != expected:
-        msg = (
-            f"{bit_depth}-bit frames must be an array of {np.dtype(expected)}, got {array.dtype}; "
-            "say the right bit depth (8, 12 or 16), or convert the frames"
-        )
-        raise ImageError(msg)
-    if bit_depth == 12 and array.max() > 4095:
-        msg = (
-            f"12-bit grey levels must be at most 4095, got {array.max()}; the camera may write "
-            "them in the high bits: shift them right by 4, or read the stack as 16 bits"
-        )
-        raise ImageError(msg)
-    return np.ascontiguousarray(array)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +29,8 @@ class FrameStack:
     ----------
     frames : (n, rows, columns) ndarray of uint8 or uint16
         Grey levels; made read-only.
-    bit_depth : 8, 12 or 16
-        12 stands in the low bits of uint16.
+    bit_depth : 8, 10, 12 or 16
+        10 and 12 stand in the low bits of uint16.
     exposure_ms : float, ms, optional
         Exposure time; None where it was not recorded.
     emulated : bool
@@ -85,13 +42,17 @@ class FrameStack:
         If frames and bit depth do not fit, or the exposure time is not positive.
     """
 
-    frames: Frames
+    frames: Image
     bit_depth: BitDepth = 8
     exposure_ms: float | None = None
     emulated: bool = False
 
     def __post_init__(self) -> None:
-        frames = check_frames(self.frames, self.bit_depth).view()
+        frames = np.asarray(self.frames)
+        if frames.ndim != 3 or 0 in frames.shape:
+            msg = f"frames must have shape (n, rows, columns), none of them 0, got {frames.shape}"
+            raise ImageError(msg)
+        frames = np.ascontiguousarray(check_levels(frames, self.bit_depth, "frames")).view()
         if self.exposure_ms is not None and not 0 < self.exposure_ms < np.inf:
             msg = f"an exposure time must be above 0 ms and finite, got {self.exposure_ms}"
             raise ImageError(msg)
@@ -111,7 +72,46 @@ class FrameStack:
     @property
     def full_scale(self) -> int:
         """The largest grey level, at which a sample counts as clipped."""
-        return int(2**self.bit_depth) - 1
+        return full_scale(self.bit_depth)
+
+
+def re_expose(stack: FrameStack, factor: float) -> FrameStack:
+    """Scale a stack's grey levels as if it had been exposed `factor` times as long.
+
+    Grey levels are multiplied, rounded and clipped at full scale. Nothing else is modelled: noise
+    and the black level grow with the factor, and what was clipped stays clipped at its old level
+    where the factor is below 1. The result is therefore always labelled emulated.
+
+    Parameters
+    ----------
+    stack : FrameStack
+        The recording.
+    factor : float
+        New exposure time over recorded one, above 0.
+
+    Returns
+    -------
+    FrameStack
+        Of the same size and bit depth, its exposure time scaled where known, `emulated` True.
+
+    Raises
+    ------
+    ImageError
+        If the factor is not positive and finite.
+    """
+    if not 0 < factor < math.inf:
+        msg = f"a factor on the exposure time must be above 0 and finite, got {factor}"
+        raise ImageError(msg)
+    # Every grey level maps to one other: a table is exact and quicker than scaling the frames.
+    levels = np.arange(stack.full_scale + 1, dtype=np.float64)
+    scaled = np.minimum(np.rint(levels * factor), stack.full_scale).astype(stack.frames.dtype)
+    frames = scaled[stack.frames]
+    return FrameStack(
+        frames=cast("Image", frames),
+        bit_depth=stack.bit_depth,
+        exposure_ms=None if stack.exposure_ms is None else stack.exposure_ms * factor,
+        emulated=True,
+    )
 
 
 def read_frames(
@@ -131,7 +131,7 @@ def read_frames(
         files themselves, taken in the order given.
     pattern : str
         Which files of a folder are frames.
-    bit_depth : 8, 12 or 16
+    bit_depth : 8, 10, 12 or 16
         What the files must hold. Colour images are refused, also those with three equal channels:
         a camera's colour path interpolates and often bends the grey levels, and only the user can
         know that it did not.
@@ -150,9 +150,7 @@ def read_frames(
     """
     paths = _frame_paths(source, pattern)
     _check_count(paths, count)
-    if bit_depth not in BIT_DEPTHS:
-        msg = f"a bit depth must be 8, 12 or 16, got {bit_depth}"
-        raise ImageError(msg)
+    full_scale(bit_depth)  # refuses others, before any file is read
     first = _read_grey(paths[0], bit_depth, None)
     frames = np.empty((len(paths), *first.shape), dtype=first.dtype)
     frames[0] = first
@@ -220,7 +218,7 @@ def _missing_numbers(paths: list[Path]) -> list[int]:
     return [gap for a, b in pairwise(numbers) for gap in range(a + 1, min(b, a + 9))][:8]
 
 
-def _read_grey(path: Path, bit_depth: int, shape: tuple[int, ...] | None) -> Frames:
+def _read_grey(path: Path, bit_depth: int, shape: tuple[int, ...] | None) -> Image:
     if not path.is_file():
         msg = f"{path}: no such frame"
         raise MissingFileError(msg)
@@ -234,22 +232,11 @@ def _read_grey(path: Path, bit_depth: int, shape: tuple[int, ...] | None) -> Fra
             "in grey, or save one channel of it as a grey image"
         )
         raise ImageError(msg)
-    if image.dtype != BIT_DEPTHS[bit_depth]:
-        msg = (
-            f"{path}: expected a {bit_depth}-bit grey image, got {8 * image.dtype.itemsize} bits "
-            "per pixel; say the bit depth of the recording (8, 12 or 16)"
-        )
-        raise ImageError(msg)
-    if bit_depth == 12 and image.max() > 4095:
-        msg = (
-            f"{path}: 12-bit grey levels must be at most 4095, got {image.max()}; the camera may "
-            "write them in the high bits: read the recording as 16 bits"
-        )
-        raise ImageError(msg)
+    check_levels(image, bit_depth, str(path))
     if shape is not None and image.shape != shape:
         msg = (
             f"{path}: expected {shape[0]} rows × {shape[1]} columns as in the first frame, got "
             f"{image.shape[0]} × {image.shape[1]}; frames of one recording have one size"
         )
         raise ImageError(msg)
-    return cast("Frames", image)
+    return cast("Image", image)

@@ -8,17 +8,19 @@ centre.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
-from exposight.imaging.decoded import DecodingLimits, PixelFlag
+from exposight.cell import GREY_MAX
+from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exposight.imaging.frames import Frames, FrameStack
+    from exposight.cell import Image
+    from exposight.imaging.frames import FrameStack
     from exposight.imaging.sequences import GrayCode
 
 
@@ -26,14 +28,6 @@ _LOW = np.uint8(PixelFlag.LOW_MODULATION)
 _CLIPPED = np.uint8(PixelFlag.CLIPPED)
 _AMBIGUOUS = np.uint8(PixelFlag.AMBIGUOUS)
 _OUTSIDE = np.uint8(PixelFlag.OUTSIDE)
-
-
-class AxisMap(NamedTuple):
-    """One projector axis decoded: coordinate in px (NaN where none), modulation 0–255, flags."""
-
-    coordinate: NDArray[np.float64]
-    modulation: NDArray[np.float32]
-    flags: NDArray[np.uint8]
 
 
 def decode_gray_code(
@@ -81,7 +75,7 @@ def decode_gray_code(
         white,
         black,
         stack.full_scale,
-        255.0 / stack.full_scale,
+        GREY_MAX / stack.full_scale,
         limits.min_modulation,
         limits.min_bit_contrast,
         (size - 1) // gray_code.code_width,
@@ -120,7 +114,7 @@ def _count_steps(first: NDArray[np.int32], second: NDArray[np.int32]) -> int:
 
 @numba.njit(inline="always")
 def _signal(
-    frames: Frames,
+    frames: Image,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,
@@ -138,7 +132,7 @@ def _signal(
 
 @numba.njit(parallel=True, cache=True)
 def _read_codes(
-    frames: Frames,
+    frames: Image,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,
@@ -194,7 +188,7 @@ def _read_codes(
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def _locate(
-    frames: Frames,
+    frames: Image,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,

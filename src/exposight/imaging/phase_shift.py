@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from exposight.errors import ImageError
-from exposight.imaging.decoded import DecodingLimits, PixelFlag
-from exposight.imaging.gray_code import AxisMap, decode_gray_code
+from exposight.cell import GREY_MAX
+from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
+from exposight.imaging.gray_code import decode_gray_code
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
-    from exposight.imaging.frames import Frames, FrameStack
+    from exposight.cell import Image
+    from exposight.imaging.frames import FrameStack
     from exposight.imaging.sequences import Fringe, PhaseShift
 
 
@@ -37,68 +38,6 @@ def _solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
     shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
     design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
     return np.asarray(np.linalg.pinv(design))
-
-
-def phase_and_modulation(
-    samples: ArrayLike, shifts_deg: Sequence[float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Solve I_k = A + B·cos(φ − δ_k) for every pixel by least squares.
-
-    Parameters
-    ----------
-    samples : (n, ...) array_like, grey levels
-        One image, or number, per step.
-    shifts_deg : (n,) sequence of float, degrees
-        δ_k; n ≥ 3.
-
-    Returns
-    -------
-    phase : (...) ndarray, rad
-        φ in [0, 2π).
-    modulation, mean : (...) ndarray, grey levels
-        B and A.
-
-    Raises
-    ------
-    ImageError
-        If steps are fewer than three or do not match the shifts.
-    """
-    array = np.asarray(samples, dtype=np.float64)
-    if len(shifts_deg) < 3 or array.shape[:1] != (len(shifts_deg),):
-        msg = (
-            f"a phase needs at least 3 samples and as many shifts, got {array.shape[:1]} samples "
-            f"and {len(shifts_deg)} shifts"
-        )
-        raise ImageError(msg)
-    mean, cosine, sine = np.tensordot(_solver(shifts_deg), array, axes=1)
-    return np.arctan2(sine, cosine) % (2 * np.pi), np.hypot(sine, cosine), mean
-
-
-def unwrap_step(
-    coarse_px: ArrayLike, phase: ArrayLike, period_px: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Make one fringe's phase absolute by a coarser coordinate, and keep the fringe's precision.
-
-    Parameters
-    ----------
-    coarse_px : (...) array_like, px
-        Projector coordinate, right to less than half a period.
-    phase : (...) array_like, rad
-        The fringe's phase.
-    period_px : float, px
-        The fringe's period.
-
-    Returns
-    -------
-    fine_px : (...) ndarray, px
-        The coordinate with this phase that is nearest to the coarse one.
-    residual : (...) ndarray, periods
-        (coarse − fine)/period, in [−½, ½].
-    """
-    coarse = np.asarray(coarse_px, dtype=np.float64)
-    within = np.asarray(phase, dtype=np.float64) * (period_px / (2 * np.pi))
-    fine = within + period_px * np.rint((coarse - within) / period_px)
-    return fine, (coarse - fine) / period_px
 
 
 def decode_phase_shift(
@@ -159,7 +98,7 @@ def decode_phase_shift(
         size,
         cyclic,
         stack.full_scale,
-        255.0 / stack.full_scale,
+        GREY_MAX / stack.full_scale,
         limits.min_modulation,
         limits.max_residual,
         coordinate,
@@ -219,7 +158,7 @@ def _climb(
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def _unwrap(
-    frames: Frames,
+    frames: Image,
     frame: NDArray[np.int64],
     first: NDArray[np.int64],
     to_cosine: NDArray[np.float64],

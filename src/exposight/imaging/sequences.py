@@ -10,19 +10,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
-from exposight.errors import ImageError, did_you_mean
-from exposight.imaging.frames import BIT_DEPTHS, BitDepth
+from exposight.cell import BitDepth, full_scale
+from exposight.errors import ImageError
+from exposight.files.documents import StoredAs
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    pass
 
 
 _MAX_BITS = 16
+
+_Frame = Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +48,8 @@ class GrayCode:
         If there is no bit or more than 16, the inverses do not match, or the width is below 1.
     """
 
-    frames: tuple[int, ...]
-    inverse_frames: tuple[int, ...] = ()
+    frames: tuple[_Frame, ...]
+    inverse_frames: tuple[_Frame, ...] = ()
     code_width: int = 1
 
     def __post_init__(self) -> None:
@@ -89,7 +92,7 @@ class Fringe:
     """
 
     periods: float
-    frames: tuple[int, ...]
+    frames: tuple[_Frame, ...]
     shifts_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -154,8 +157,33 @@ class PhaseShift:
     @property
     def all_frames(self) -> tuple[int, ...]:
         """Every frame it uses."""
-        own = tuple(frame for fringe in self.fringes for frame in fringe.frames)
-        return own + (self.gray_code.all_frames if self.gray_code else ())
+        steps = tuple(frame for fringe in self.fringes for frame in fringe.frames)
+        return steps + (self.gray_code.all_frames if self.gray_code else ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Axis:
+    """How a file describes the coding of one projector axis."""
+
+    gray_code: GrayCode | None = None
+    fringes: tuple[Fringe, ...] = ()
+
+    @classmethod
+    def of(cls, coding: GrayCode | PhaseShift) -> _Axis:
+        if isinstance(coding, GrayCode):
+            return cls(gray_code=coding)
+        return cls(gray_code=coding.gray_code, fringes=coding.fringes)
+
+    def coding(self) -> GrayCode | PhaseShift:
+        if self.fringes:
+            return PhaseShift(fringes=self.fringes, gray_code=self.gray_code)
+        if self.gray_code is None:
+            msg = "columns and rows each need a gray_code table, fringes, or both"
+            raise ImageError(msg)
+        return self.gray_code
+
+
+_Coding = Annotated[GrayCode | PhaseShift, StoredAs(_Axis, write=_Axis.of, read=_Axis.coding)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +200,7 @@ class PatternSequence:
         How projector columns (u) and rows (v) are coded; at least one of them is.
     white_frame, black_frame : int, optional
         Fully lit and unlit frame; both or neither. Gray code without inverse frames needs them.
-    bit_depth : 8, 12 or 16
+    bit_depth : 8, 10, 12 or 16
         Of the recorded frames.
     file_pattern : str
         Which files of the recording's folder are its frames.
@@ -186,10 +214,10 @@ class PatternSequence:
     name: str
     projector_width: int
     projector_height: int
-    columns: GrayCode | PhaseShift | None = None
-    rows: GrayCode | PhaseShift | None = None
-    white_frame: int | None = None
-    black_frame: int | None = None
+    columns: _Coding | None = None
+    rows: _Coding | None = None
+    white_frame: _Frame | None = None
+    black_frame: _Frame | None = None
     bit_depth: BitDepth = 8
     file_pattern: str = "*.png"
 
@@ -203,9 +231,7 @@ class PatternSequence:
         if self.columns is None and self.rows is None:
             msg = "a pattern sequence must code the projector's columns, its rows, or both"
             raise ImageError(msg)
-        if self.bit_depth not in BIT_DEPTHS:
-            msg = f"a bit depth must be 8, 12 or 16, got {self.bit_depth}"
-            raise ImageError(msg)
+        full_scale(self.bit_depth)  # refuses others
         self._check_frames()
         for axis, coding, size in self.axes():
             _check_axis(axis, coding, size)
@@ -269,86 +295,3 @@ def _check_axis(axis: str, coding: GrayCode | PhaseShift, size: int) -> None:
                 f"{coarsest:g} px over which the coarsest fringes are unambiguous"
             )
             raise ImageError(msg)
-
-
-def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:
-    return tuple(range(first, stop, step))
-
-
-def _foam_axis(size: int, first_fringe: int, gray: tuple[int, int]) -> PhaseShift:
-    """Code one axis by fringes of 66.7 and 100 px, three steps δ = 120°, 0°, −120°."""
-    shifts = (120.0, 0.0, -120.0)
-    fine = _frames(first_fringe, first_fringe + 3)
-    coarse = _frames(first_fringe + 3, first_fringe + 6)
-    return PhaseShift(
-        fringes=(
-            Fringe(periods=size / 100, frames=coarse, shifts_deg=shifts),
-            Fringe(periods=size * 3 / 200, frames=fine, shifts_deg=shifts),
-        ),
-        gray_code=GrayCode(
-            frames=_frames(*gray, 2),
-            inverse_frames=_frames(gray[0] + 1, gray[1], 2),
-            code_width=100,
-        ),
-    )
-
-
-SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
-    {
-        "skull_gray": PatternSequence(
-            name="SLStudio Gray code, ten of eleven bits",
-            projector_width=1824,
-            projector_height=1140,
-            columns=GrayCode(frames=_frames(2, 12), code_width=2),
-            white_frame=0,
-            black_frame=1,
-        ),
-        "skull_2x3": PatternSequence(
-            name="SLStudio phase shift, 16 periods and 1, three steps each",
-            projector_width=1824,
-            projector_height=1140,
-            columns=PhaseShift(
-                # The fine fringe comes first in this recording.
-                fringes=(
-                    Fringe(periods=1, frames=(3, 4, 5)),
-                    Fringe(periods=16, frames=(0, 1, 2)),
-                )
-            ),
-        ),
-        "board": PatternSequence(
-            name="OpenCV Gray code with inverse frames, 1024 × 768",
-            projector_width=1024,
-            projector_height=768,
-            columns=GrayCode(frames=_frames(0, 20, 2), inverse_frames=_frames(1, 20, 2)),
-            rows=GrayCode(frames=_frames(20, 40, 2), inverse_frames=_frames(21, 40, 2)),
-            white_frame=40,
-            black_frame=41,
-            file_pattern="graycode_*.png",
-        ),
-        "foam": PatternSequence(
-            name="Gray code of 100 px, fringes of 100 and 66.7 px, both axes of a display",
-            projector_width=1920,
-            projector_height=1080,
-            columns=_foam_axis(1920, 0, (12, 22)),
-            rows=_foam_axis(1080, 6, (22, 30)),
-            white_frame=30,
-            black_frame=31,
-            file_pattern="pat*.png",
-        ),
-    }
-)
-"""Sequences of public recordings, by name."""
-
-
-def sequence_preset(name: str) -> PatternSequence:
-    """Return a preset by its name.
-
-    Raises
-    ------
-    ImageError
-        If there is no such preset.
-    """
-    if name not in SEQUENCE_PRESETS:
-        msg = f"no pattern sequence '{name}'; there are {', '.join(SEQUENCE_PRESETS)}"
-        raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
-    return SEQUENCE_PRESETS[name]

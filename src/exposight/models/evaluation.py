@@ -166,7 +166,7 @@ def _other_exposure_unit(model: Predictor, frame: pl.DataFrame) -> str:
     if model.target == "exposure_ms":
         known = model.target_range
     elif sensor is not None:
-        known = sensor.exposure_min_ms, sensor.exposure_max_ms
+        known = sensor.exposure.min_ms, sensor.exposure.max_ms
     if known is None or "exposure_ms" not in frame.columns:
         return ""
     values = frame["exposure_ms"].cast(pl.Float64).fill_null(np.nan).to_numpy()

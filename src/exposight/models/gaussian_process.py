@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from exposight import __version__
 from exposight.errors import InputError
-from exposight.files.documents import StrictDocument, validate
+from exposight.files.documents import validate
 from exposight.gp import Committee, GaussianProcess, kernel_from_dict
 from exposight.models.predictor import (
     Hyperparameter,
@@ -55,8 +54,6 @@ class FitSummary:
     seconds : float or None
         Wall time; None where the model was read from a file, which does not hold it.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 
     log_marginal_likelihood: float
     converged: bool
@@ -260,7 +257,7 @@ class GaussianProcessModel(Predictor):
         cls, fields: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
     ) -> GaussianProcessModel:
         """Rebuild a model; factors follow from the data and are computed again."""
-        kept = validate(_Content, json.dumps(content), "model.json")
+        kept = validate(_Content, content, "model.json")
         kernel = kernel_from_dict(kept.kernel)
         x, y = np.asarray(arrays["inputs"], dtype=np.float64), arrays["targets"]
         if x.ndim != 2 or x.shape[1] != len(fields["inputs"]):
@@ -283,11 +280,12 @@ class GaussianProcessModel(Predictor):
         )
 
 
-class _Content(StrictDocument):
+@dataclass(frozen=True, kw_only=True)
+class _Content:
     source: str
     p_norm_min: float | None
     kernel: dict[str, Any]
-    noise_variance: float = Field(gt=0)
+    noise_variance: Annotated[float, Field(gt=0)]
     fit: FitSummary
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import re
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from exposight.cell import ActiveSensor
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
-from exposight.files.documents import StrictDocument, check_header, parse_json, validate
+from exposight.files.documents import DocumentFormat, check_header, parse_json
 from exposight.files.durable import write_durably
 from exposight.models.predictor import Predictor, Provenance, predictor_kind
 from exposight.quantities import quantity
@@ -32,8 +32,6 @@ MODEL_SUFFIX = ".exposight-model"
 
 _Kind = TypeVar("_Kind", bound=Predictor)
 
-_FORMAT = "exposight model"
-_VERSION = 2
 _CONTENT_OF_VERSION_1 = ("source", "p_norm_min", "kernel", "noise_variance", "fit")
 _MANIFEST, _ARRAY = "model.json", ".npy"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # ZIP's earliest date: the same model gives the same bytes
@@ -41,14 +39,14 @@ _DIGEST_LENGTH = 64
 _HEAD_LENGTH = 40  # ZIP's header of the first member, 30 bytes, and that member's name
 
 
-class _Variable(StrictDocument):
+@dataclass(frozen=True, kw_only=True)
+class _Variable:
     name: str
     unit: str
 
 
-class _ModelDocument(StrictDocument):
-    format: str
-    version: int
+@dataclass(frozen=True, kw_only=True)
+class _Manifest:
     kind: str
     """Which kind of predictor: `Predictor.kind`."""
     name: str
@@ -60,6 +58,9 @@ class _ModelDocument(StrictDocument):
     """The sensor's own JSON document, as text."""
     content: dict[str, Any]
     """What this kind keeps: `Predictor.to_document`."""
+
+
+_FORMAT = DocumentFormat("exposight model", 2, _Manifest)
 
 
 def save_model(path: str | Path, model: Predictor) -> None:
@@ -83,7 +84,7 @@ def save_model(path: str | Path, model: Predictor) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         members = {
-            _MANIFEST: _document(model, content).model_dump_json(indent=2).encode(),
+            _MANIFEST: _FORMAT.to_json(_manifest(model, content)).encode(),
             **{f"{name}{_ARRAY}": _npy(array) for name, array in arrays.items()},
         }
         for name, data in members.items():
@@ -134,7 +135,7 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             manifest = archive.read(_MANIFEST).decode()
             raw = parse_json(manifest, str(path))
-            check_header(raw, format_name=_FORMAT, newest=_VERSION, source=str(path))
+            check_header(raw, format_name=_FORMAT.name, newest=_FORMAT.version, source=str(path))
             arrays = {
                 name.removesuffix(_ARRAY): _read_npy(archive.read(name))
                 for name in archive.namelist()
@@ -143,9 +144,7 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
     except (zipfile.BadZipFile, KeyError, ValueError) as error:
         msg = f"{path}: not a model file ({error})"
         raise FormatError(msg) from error
-    if raw["version"] == 1:
-        manifest = json.dumps(_from_version_1(raw))
-    document = validate(_ModelDocument, manifest, str(path))
+    document = _FORMAT.from_dict(_from_version_1(raw) if raw["version"] == 1 else raw, str(path))
     _check_units(document, str(path))
     fields = {
         "name": document.name,
@@ -201,10 +200,8 @@ def _check_digest(path: Path, data: bytes) -> None:
         raise DamagedFileError(msg)
 
 
-def _document(model: Predictor, content: dict[str, Any]) -> _ModelDocument:
-    return _ModelDocument(
-        format=_FORMAT,
-        version=_VERSION,
+def _manifest(model: Predictor, content: dict[str, Any]) -> _Manifest:
+    return _Manifest(
         kind=model.kind,
         name=model.name,
         title=model.title,
@@ -227,7 +224,7 @@ def _from_version_1(raw: dict[str, Any]) -> dict[str, Any]:
     return {**head, "kind": "gaussian-process", "content": content}
 
 
-def _check_units(document: _ModelDocument, source: str) -> None:
+def _check_units(document: _Manifest, source: str) -> None:
     for variable in (document.target, *document.inputs):
         unit = quantity(variable.name).unit
         if variable.unit != unit:

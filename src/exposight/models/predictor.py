@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import polars as pl
-from pydantic import ConfigDict
 
 from exposight import __version__
 from exposight.errors import InputError, ObservationError, did_you_mean
@@ -95,8 +94,6 @@ class Provenance:
     exposight_version : str
         The program that trained it.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 
     observations: str
     observations_sha256: str | None

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from exposight.cell import GREY_MAX
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -51,11 +53,11 @@ def ring_brightness(
     rows, columns : (n,) ndarray of int, n ≥ 1
         The mask's pixels.
     """
-    full_scale = 2**capture.bit_depth - 1
+    full_scale = capture.full_scale
     histogram = np.bincount(capture.image[rows, columns], minlength=full_scale + 1)
     levels = np.flatnonzero(histogram)
     counts = histogram[levels]
-    grey = levels * (255.0 / full_scale)
+    grey = np.asarray(levels * (GREY_MAX / full_scale))
     n = rows.size
     mean = float(counts @ grey) / n
     p05, median, p95 = _percentiles(grey, counts, (5.0, 50.0, 95.0))

@@ -253,10 +253,7 @@ def _plan(raw: object, source: str) -> MeasuringPlan:
         msg = f"{source} must hold keys and values, got {type(raw).__name__}"
         raise FormatError(msg)
     check_header(raw, format_name=PLAN_FORMAT, newest=PLAN_VERSION, source=source)
-    # As JSON, so that types are checked as strictly as in every other file of exposight. JSON has
-    # no dates; no key takes one, nor the object that stands for it here.
-    as_json = json.dumps(raw, default=lambda other: {"date or time": str(other)})
-    document = validate(_PlanDocument, as_json, source)
+    document = validate(_PlanDocument, raw, source)
     try:
         return document.build()
     except InputError as error:

@@ -8,7 +8,7 @@ import trimesh
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from exposight.cell import ActiveSensor, Capture, Cloud, sensor_preset
+from exposight.cell import ActiveSensor, Capture, Cloud, ExposureRange, sensor_preset
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import observe_capture, orientation_deg, point_search, view_features
 from exposight.twin.part import DOOR, FINISHES, door
@@ -225,9 +225,7 @@ def sensor():
         first_from_camera=full.first_from_camera,
         projector=full.projector,
         camera_from_tcp=full.camera_from_tcp,
-        exposure_min_ms=1,
-        exposure_max_ms=1000,
-        exposure_increment_ms=1,
+        exposure=ExposureRange(min_ms=1, max_ms=1000, increment_ms=1),
         working_distance_mm=full.working_distance_mm,
     )
 

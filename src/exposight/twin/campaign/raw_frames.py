@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from exposight.cell.capture_folder import png_bytes
+from exposight.cell import png_bytes
 from exposight.files.durable import write_durably
 from exposight.imaging import sequence_to_toml
 from exposight.twin.sensors import LIMITS, STRIPES

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import socket
-from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Literal
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from exposight.errors import FileError, InputError
-from exposight.files.documents import StrictDocument, sealed_json, sha256_of, unseal_json
+from exposight.files.documents import DocumentFormat, sha256_of
 from exposight.files.durable import write_durably
 from exposight.plans import plan_to_toml, read_plan
 
@@ -28,21 +28,20 @@ if TYPE_CHECKING:
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "simulation.json"
 
-RECORD_FORMAT = "exposight simulation"
-RECORD_VERSION = 2
-"""2: what is kept of a capture."""
-
 _Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class _RecordDocument(StrictDocument):
-    format: Literal["exposight simulation"]
-    version: int
+@dataclass(frozen=True, kw_only=True)
+class _Record:
     plan_sha256: _Checksum
     scene_sha256: _Checksum
     rings_only: bool
     clouds: bool = True  # in version 1 there was no choice
     raw_frames: bool = False
+
+
+_RECORD = DocumentFormat("exposight simulation", 2, _Record)
+"""2: what is kept of a capture."""
 
 
 def keep_record(
@@ -85,9 +84,7 @@ def keep_record(
         If the record is damaged, or the disk refuses.
     """
     plan_toml = plan_to_toml(plan).encode()
-    document = _RecordDocument(
-        format="exposight simulation",
-        version=RECORD_VERSION,
+    record = _Record(
         plan_sha256=sha256_of(plan_toml),
         scene_sha256=scene_checksum(scene),
         rings_only=settings.rings_only,
@@ -97,7 +94,7 @@ def keep_record(
     path = folder / RECORD_FILE
     if n_captures == 0:
         write_durably(folder / PLAN_FILE, plan_toml)
-        write_durably(path, sealed_json(document))
+        write_durably(path, _RECORD.seal(record))
         return sha256_of(path.read_bytes())
     if not path.is_file():
         msg = (
@@ -106,14 +103,8 @@ def keep_record(
         )
         raise InputError(msg)
     content = path.read_bytes()
-    known = unseal_json(
-        _RecordDocument,
-        content,
-        format_name=RECORD_FORMAT,
-        newest=RECORD_VERSION,
-        source=str(path),
-    )
-    difference = _difference(known, document, folder, plan)
+    known = _RECORD.unseal(content, str(path))
+    difference = _difference(known, record, folder, plan)
     if difference:
         msg = (
             f"the {what} in {folder} was simulated with {difference}; go on with that, or choose "
@@ -153,9 +144,7 @@ def check_record(folder: Path, sha256: str) -> None:
         raise FileError(msg)
 
 
-def _difference(
-    known: _RecordDocument, wanted: _RecordDocument, folder: Path, plan: MeasuringPlan
-) -> str:
+def _difference(known: _Record, wanted: _Record, folder: Path, plan: MeasuringPlan) -> str:
     if known.plan_sha256 != wanted.plan_sha256:
         other = read_plan(folder / PLAN_FILE)
         differing = [

@@ -1,16 +1,19 @@
-"""Faults of documents are told in words of the file, never in those of a library."""
+"""Records are written as they are, and faults in them are told in words of the file."""
 
 import json
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 from pydantic import Discriminator, Field, Tag
 
-from exposight.errors import FormatError
-from exposight.files.documents import StrictDocument, validate
+from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
+from exposight.files.documents import DocumentFormat, StoredAs, validate
 
 
-class Steps(StrictDocument):
+@dataclass(frozen=True)
+class Steps:
     count: Annotated[int, Field(ge=2, le=9)]
 
 
@@ -18,7 +21,8 @@ def written_as(value):
     return "steps" if isinstance(value, dict) else "list"
 
 
-class Plane(StrictDocument):
+@dataclass(frozen=True)
+class Plane:
     depth_mm: Annotated[float, Field(gt=0, lt=1000)] = 1.0
     x_mm: Annotated[
         Annotated[tuple[float, ...], Tag("list"), Field(min_length=1, max_length=3)]
@@ -27,12 +31,17 @@ class Plane(StrictDocument):
     ] = (0.0,)
 
 
-class Document(StrictDocument):
+@dataclass(frozen=True)
+class Document:
     name: str = ""
     side: Literal["inside", "outside"] = "inside"
     closed: bool = True
     checksum: Annotated[str, Field(pattern="^[0-9a-f]{4}$")] = "0000"
     planes: tuple[Plane, ...] = ()
+
+    def __post_init__(self):
+        if self.name == "impossible":
+            raise InputError("a document cannot be called so")
 
 
 @pytest.mark.parametrize(
@@ -67,7 +76,7 @@ class Document(StrictDocument):
 )
 def test_a_fault_names_key_expectation_and_value(written, message):
     with pytest.raises(FormatError) as caught:
-        validate(Document, json.dumps(written), "plan.toml")
+        validate(Document, written, "plan.toml")
     told = str(caught.value)
     assert told.startswith("plan.toml: key '")
     assert message in told
@@ -75,6 +84,65 @@ def test_a_fault_names_key_expectation_and_value(written, message):
     assert len(told) < 200
 
 
+def test_what_a_record_refuses_itself_is_told_with_its_source():
+    with pytest.raises(FormatError, match=r"^plan\.toml: a document cannot be called so$"):
+        validate(Document, {"name": "impossible"}, "plan.toml")
+
+
 def test_what_is_nested_too_deeply_is_refused():
+    nested = []
+    for _ in range(500):
+        nested = [nested]
     with pytest.raises(FormatError, match=r"^plan\.toml: it cannot be read"):
-        validate(Document, '{"name": ' + "[" * 500 + "]" * 500 + "}", "plan.toml")
+        validate(Document, {"name": nested}, "plan.toml")
+
+
+# -- whole documents ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Place:
+    name: str
+    at: Annotated[
+        complex,
+        StoredAs(
+            tuple[float, float], write=lambda z: [z.real, z.imag], read=lambda pair: complex(*pair)
+        ),
+    ]
+    count: int = 1
+
+
+FORMAT = DocumentFormat("exposight place", 2, Place)
+PLACE = Place("Höhe", 1.5 - 2j, 3)
+
+
+def test_a_record_is_written_under_its_format_and_read_back():
+    text = FORMAT.to_json(PLACE)
+    assert list(json.loads(text)) == ["format", "version", "name", "at", "count"]
+    assert json.loads(text)["at"] == [1.5, -2]
+    assert FORMAT.from_json(text, "f") == PLACE
+    assert FORMAT.unseal(FORMAT.seal(PLACE), "f") == PLACE
+
+
+def test_numbers_of_numpy_are_written_as_json_s():
+    text = FORMAT.to_json(Place("a", 0j, np.int64(7)))
+    assert FORMAT.from_json(text, "f").count == 7
+
+
+def test_an_older_version_may_lack_what_has_a_default():
+    older = {"format": "exposight place", "version": 1, "name": "a", "at": [0, 0]}
+    assert FORMAT.from_dict(older, "f").count == 1
+    with pytest.raises(FormatError, match=r"key 'at\[1\]' is missing"):
+        FORMAT.from_dict({**older, "at": [0]}, "f")
+    with pytest.raises(FormatError, match='must be "exposight place", got "gpx"'):
+        FORMAT.from_dict({**older, "format": "gpx"}, "f")
+    with pytest.raises(VersionError, match="has version 3"):
+        FORMAT.from_dict({**older, "version": 3, "more": 1}, "f")
+
+
+def test_a_changed_byte_in_a_sealed_document_is_noticed():
+    sealed = FORMAT.seal(PLACE)
+    with pytest.raises(DamagedFileError, match="f is damaged"):
+        FORMAT.unseal(sealed.replace(b"1.5", b"1.6"), "f")
+    with pytest.raises(DamagedFileError, match="f is damaged"):
+        FORMAT.unseal(sealed[:-3], "f")

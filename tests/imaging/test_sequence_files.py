@@ -46,7 +46,7 @@ def test_fringes_within_gray_code(read):
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(MissingFileError, match=r"none\.toml: no such pattern sequence"):
+    with pytest.raises(MissingFileError, match=r"no pattern sequence in TOML at .*none\.toml"):
         read_sequence(tmp_path / "none.toml")
 
 
@@ -57,12 +57,12 @@ def test_missing_file(tmp_path):
         (HEAD + "colour = 1\n" + GRAY, "key 'colour' is unknown"),
         (HEAD + GRAY + "bits = 4\n", r"key 'columns\.gray_code\.bits' is unknown"),
         ('name = "x"\nprojector_width = 8\n' + GRAY, "key 'projector_height' is missing"),
-        (HEAD + "bit_depth = 10\n" + GRAY, "key 'bit_depth': expected 8, 12 or 16, got 10"),
+        (HEAD + "bit_depth = 14\n" + GRAY, "key 'bit_depth': expected 8, 10, 12 or 16, got 14"),
         (
             HEAD + "white_frame = -1\n" + GRAY,
             "key 'white_frame': expected a number from 0 up, got -1",
         ),
-        (HEAD + "[columns]\n", r"\[columns\] needs a gray_code table, fringes, or both"),
+        (HEAD + "[columns]\n", "each need a gray_code table, fringes, or both"),
         (HEAD, "columns, its rows, or both"),
         (HEAD + "[[rows.fringes]]\nperiods = 1\nframes = [0, 1]\n", "at least 3 steps, got 2"),
     ],

@@ -1,0 +1,202 @@
+"""Pattern sequences by name, and as users write them in TOML.
+
+::
+
+    name = "my sensor"
+    projector_width = 1824
+    projector_height = 1140
+    bit_depth = 8                  # 8, 10, 12 or 16
+    file_pattern = "*.png"
+    white_frame = 0                # both or neither
+    black_frame = 1
+
+    [columns.gray_code]            # and likewise [rows.gray_code]
+    frames = [2, 3, 4, 5, 6, 7, 8, 9, 10, 11]    # most significant bit first
+    inverse_frames = []
+    code_width = 2                 # projector px
+
+    [[columns.fringes]]            # from few periods to many; with or without gray_code
+    periods = 16
+    frames = [12, 13, 14]
+    shifts_deg = [0, 120, 240]     # equal steps if left out
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import asdict
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from exposight.errors import FormatError, ImageError, did_you_mean
+from exposight.files.documents import validate
+from exposight.files.reading import read_text
+from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:
+    return tuple(range(first, stop, step))
+
+
+def _foam_axis(size: int, first_fringe: int, gray: tuple[int, int]) -> PhaseShift:
+    """Code one axis by fringes of 66.7 and 100 px, three steps δ = 120°, 0°, −120°."""
+    shifts = (120.0, 0.0, -120.0)
+    fine = _frames(first_fringe, first_fringe + 3)
+    coarse = _frames(first_fringe + 3, first_fringe + 6)
+    return PhaseShift(
+        fringes=(
+            Fringe(periods=size / 100, frames=coarse, shifts_deg=shifts),
+            Fringe(periods=size * 3 / 200, frames=fine, shifts_deg=shifts),
+        ),
+        gray_code=GrayCode(
+            frames=_frames(*gray, 2),
+            inverse_frames=_frames(gray[0] + 1, gray[1], 2),
+            code_width=100,
+        ),
+    )
+
+
+SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
+    {
+        "skull_gray": PatternSequence(
+            name="SLStudio Gray code, ten of eleven bits",
+            projector_width=1824,
+            projector_height=1140,
+            columns=GrayCode(frames=_frames(2, 12), code_width=2),
+            white_frame=0,
+            black_frame=1,
+        ),
+        "skull_2x3": PatternSequence(
+            name="SLStudio phase shift, 16 periods and 1, three steps each",
+            projector_width=1824,
+            projector_height=1140,
+            columns=PhaseShift(
+                # The fine fringe comes first in this recording.
+                fringes=(
+                    Fringe(periods=1, frames=(3, 4, 5)),
+                    Fringe(periods=16, frames=(0, 1, 2)),
+                )
+            ),
+        ),
+        "board": PatternSequence(
+            name="OpenCV Gray code with inverse frames, 1024 × 768",
+            projector_width=1024,
+            projector_height=768,
+            columns=GrayCode(frames=_frames(0, 20, 2), inverse_frames=_frames(1, 20, 2)),
+            rows=GrayCode(frames=_frames(20, 40, 2), inverse_frames=_frames(21, 40, 2)),
+            white_frame=40,
+            black_frame=41,
+            file_pattern="graycode_*.png",
+        ),
+        "foam": PatternSequence(
+            name="Gray code of 100 px, fringes of 100 and 66.7 px, both axes of a display",
+            projector_width=1920,
+            projector_height=1080,
+            columns=_foam_axis(1920, 0, (12, 22)),
+            rows=_foam_axis(1080, 6, (22, 30)),
+            white_frame=30,
+            black_frame=31,
+            file_pattern="pat*.png",
+        ),
+    }
+)
+"""Sequences of public recordings, by name."""
+
+
+def sequence_preset(name: str) -> PatternSequence:
+    """Return a preset by its name.
+
+    Raises
+    ------
+    ImageError
+        If there is no such preset.
+    """
+    if name not in SEQUENCE_PRESETS:
+        msg = f"no pattern sequence '{name}'; there are {', '.join(SEQUENCE_PRESETS)}"
+        raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
+    return SEQUENCE_PRESETS[name]
+
+
+def read_sequence(path: str | Path) -> PatternSequence:
+    """Read a pattern sequence from a TOML file (see the module's docstring).
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it is not TOML, a key is unknown, missing or of the wrong type, or the pieces do not
+        fit together.
+    """
+    try:
+        raw = tomllib.loads(read_text(Path(path), "pattern sequence in TOML"))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        msg = f"{path}: not TOML: {error}"
+        raise FormatError(msg) from error
+    return validate(PatternSequence, raw, str(path))
+
+
+def sequence_named_or_read(name_or_path: str | Path) -> PatternSequence:
+    """Return the pattern sequence that a preset's name or the path of a TOML file stands for.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A key of `SEQUENCE_PRESETS`, or a TOML file.
+
+    Raises
+    ------
+    ImageError
+        If it is neither.
+    FileError
+        If the file cannot be read as a sequence.
+    """
+    name, path = str(name_or_path), Path(name_or_path)
+    if name in SEQUENCE_PRESETS:
+        return SEQUENCE_PRESETS[name]
+    if path.is_file() or path.suffix.lower() == ".toml":
+        return read_sequence(path)
+    msg = (
+        f"no pattern sequence '{name}': expected one of the presets "
+        f"{', '.join(SEQUENCE_PRESETS)}, or a TOML file that says what each frame shows"
+    )
+    raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
+
+
+def sequence_to_toml(sequence: PatternSequence) -> str:
+    """Return a pattern sequence as TOML, for `read_sequence` to read back.
+
+    Parameters
+    ----------
+    sequence : PatternSequence
+        What the frames of a recording mean.
+    """
+    lines = [
+        f"{name} = {_toml_value(getattr(sequence, name))}"
+        for name in (
+            *("name", "projector_width", "projector_height", "bit_depth", "file_pattern"),
+            *("white_frame", "black_frame"),
+        )
+        if getattr(sequence, name) is not None
+    ]
+    for axis, coding, _ in sequence.axes():
+        gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+        if gray is not None:
+            lines += ["", f"[{axis}.gray_code]", *_toml_keys(gray)]
+        for fringe in coding.fringes if isinstance(coding, PhaseShift) else ():
+            lines += ["", f"[[{axis}.fringes]]", *_toml_keys(fringe)]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_keys(coding: GrayCode | Fringe) -> list[str]:
+    return [f"{name} = {_toml_value(value)}" for name, value in asdict(coding).items()]
+
+
+def _toml_value(value: object) -> str:
+    """Return a text, a number or a list of numbers as TOML, which writes them as JSON does."""
+    return json.dumps(value, ensure_ascii=False)
