@@ -8,8 +8,14 @@ import pytest
 
 from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox
-from exposight.imaging import Fringe, PatternSequence, PhaseShift, decode, triangulate
-from exposight.imaging.sequences import sequence_preset
+from exposight.imaging import (
+    Fringe,
+    PatternSequence,
+    PhaseShift,
+    decode,
+    sequence_preset,
+    triangulate,
+)
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
 from exposight.twin.sensors import StripeSensor, ring_boxes
