@@ -113,7 +113,7 @@ def test_a_damaged_table_is_measured_again(
     again = collect(LIGHTING, tmp_path, StudySettings(), ignore_progress).table
     assert len(simulations) == 2
     assert again.frame.equals(whole.frame)
-    assert "measured again" in caplog.text
+    assert "made again" in caplog.text
 
 
 def test_a_table_whose_checksum_was_not_yet_written_is_used(

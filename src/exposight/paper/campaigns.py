@@ -18,9 +18,9 @@ from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
 from exposight.files.documents import sha256_of
+from exposight.files.kept import KeptFiles
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
-from exposight.paper.kept_tables import kept_table, seal_table, table_path
 from exposight.plans import plan_preset, plan_to_toml
 from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simulate_observations
 
@@ -216,14 +216,14 @@ def _simulated(
     progress: Progress,
 ) -> ObservedCampaign:
     plan = campaign_plan(campaign, quick=settings.quick)
-    decisive = (plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
-    path = table_path(folder, campaign.name, decisive)
-    table = kept_table(path)
-    if table is None:
+    kept = KeptFiles(folder, plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
+    name = f"{campaign.name}.parquet"
+    if kept.find(name) is None:
         counted = _counted(campaign, progress)
         cell = CellSettings(rings_only=campaign.sensor != "stereo", workers=settings.workers)
-        table = simulate_observations(plan, cell, counted, table_path=path)
-        seal_table(path)
+        simulate_observations(plan, cell, counted, table_path=kept.path(name))
+        kept.seal(name)
+    table = read_observations(kept.path(name))
     return ObservedCampaign(
         campaign=campaign,
         sensor=sensor_preset(plan.sensor),
@@ -311,12 +311,10 @@ def _observed(
         raise SensorError(msg)
     # Documents carry the checksums of all other files.
     documents = sorted(path for path in source.rglob("*.json") if path.is_file())
-    decisive = (*(sha256_of(path.read_bytes()) for path in documents), __version__)
-    path = table_path(folder, campaign.name, decisive)
-    table = kept_table(path)
-    if table is None:
+    kept = KeptFiles(folder, *(sha256_of(path.read_bytes()) for path in documents), __version__)
+    name = f"{campaign.name}.parquet"
+    if kept.find(name) is None:
         counted = _counted(campaign, progress)
-        table = observe_campaign(recording, progress=counted)
-        table.write(path)
-        seal_table(path)
-    return recording.sensor, table
+        observe_campaign(recording, progress=counted).write(kept.path(name))
+        kept.seal(name)
+    return recording.sensor, read_observations(kept.path(name))
