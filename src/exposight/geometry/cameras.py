@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.errors import ImageError, SensorError
 from exposight.geometry.distortion import (
     N_COEFFICIENTS,
@@ -258,7 +259,7 @@ def _rays(camera: PinholeCamera) -> NDArray[np.float64]:
     return rays
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _fill_rays(
     rays: NDArray[np.float64],
     distorted_from_image: NDArray[np.float64],

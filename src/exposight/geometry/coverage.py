@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.errors import CloudError
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def _edges(boxes: Sequence[PixelBox]) -> NDArray[np.int64]:
 # in one instruction. Whether one counts is decided by comparisons, all of which a NaN fails.
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _squared_radius(x: float, y: float, half_x: float, half_y: float) -> float:
     across_x = abs(x) - half_x
     across_y = abs(y) - half_y
@@ -213,7 +214,7 @@ def _squared_radius(x: float, y: float, half_x: float, half_y: float) -> float:
     return across_x * across_x + across_y * across_y
 
 
-@numba.njit(cache=True)
+@njit()
 def _ring_row(
     ray: NDArray[np.float64], region: NDArray[np.float64], inside: NDArray[np.bool_]
 ) -> int:
@@ -248,7 +249,7 @@ def _ring_row(
     return count
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _count_ring_pixels(
     rays: NDArray[np.float64], regions: NDArray[np.float64], edges: NDArray[np.int64]
 ) -> NDArray[np.int64]:
@@ -263,7 +264,7 @@ def _count_ring_pixels(
     return counts
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _fill_ring_pixels(
     rays: NDArray[np.float64],
     regions: NDArray[np.float64],
@@ -286,7 +287,7 @@ def _fill_ring_pixels(
                     n += 1
 
 
-@numba.njit(cache=True)
+@njit()
 def _points_in_row(points: NDArray[np.float32], region: NDArray[np.float64]) -> int:
     xx, xy, xz = region[0], region[1], region[2]
     yx, yy, yz = region[3], region[4], region[5]
@@ -307,7 +308,7 @@ def _points_in_row(points: NDArray[np.float32], region: NDArray[np.float64]) -> 
     return count
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _count_points(
     points: NDArray[np.float32], regions: NDArray[np.float64], edges: NDArray[np.int64]
 ) -> NDArray[np.int64]:

@@ -12,9 +12,10 @@ points share a pixel. Only the part about the optical axis, where it does not, i
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from exposight.compiled import njit
 
 N_COEFFICIENTS = 14
 _NEWTON_STEPS = 40
@@ -22,7 +23,7 @@ _CONVERGED = 1e-13  # of a normalised coordinate: far below a thousandth of a pi
 _RADIUS_SEARCHED = 4.0  # tangent of 76° off the axis: beyond any pinhole lens
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def distort_point(
     x: float, y: float, k: NDArray[np.float64]
 ) -> tuple[float, float, float, float, float, float]:
@@ -62,7 +63,7 @@ def distort_point(
     return distorted_x, distorted_y, j_xx, j_xy, j_yx, j_yy
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def undistort_point(
     distorted_x: float,
     distorted_y: float,
@@ -98,7 +99,7 @@ def undistort_point(
     return np.nan, np.nan
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def distort_points(
     points: NDArray[np.float64], k: NDArray[np.float64], radius_limit: float
 ) -> NDArray[np.float64]:
@@ -113,7 +114,7 @@ def distort_points(
     return result
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def undistort_points(
     points: NDArray[np.float64], k: NDArray[np.float64], radius_limit: float
 ) -> NDArray[np.float64]:

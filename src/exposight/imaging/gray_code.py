@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from exposight.compiled import njit
 
 from exposight.cell import GREY_MAX
 from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
@@ -101,7 +102,7 @@ def _steps(code: NDArray[np.int32], axis: int) -> int:
     return int(_count_steps(first, second))
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _count_steps(first: NDArray[np.int32], second: NDArray[np.int32]) -> int:
     count = 0
     for r in numba.prange(first.shape[0]):
@@ -112,7 +113,7 @@ def _count_steps(first: NDArray[np.int32], second: NDArray[np.int32]) -> int:
     return count
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def _signal(
     frames: Image,
     bits: NDArray[np.int64],
@@ -130,7 +131,7 @@ def _signal(
     return 2.0 * lit - float(frames[white, r, c]) - float(frames[black, r, c])
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _read_codes(
     frames: Image,
     bits: NDArray[np.int64],
@@ -186,7 +187,7 @@ def _read_codes(
             flags[r, c] = flag
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _locate(
     frames: Image,
     bits: NDArray[np.int64],

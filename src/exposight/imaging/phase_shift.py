@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from exposight.compiled import njit
 
 from exposight.cell import GREY_MAX
 from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
@@ -127,7 +128,7 @@ def _ladder(
     return np.array(rungs, dtype=np.int64), np.array(periods_px)
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _climb(
     phase: NDArray[np.float64],
     rungs: NDArray[np.int64],
@@ -156,7 +157,7 @@ def _climb(
     return absolute, worst
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _unwrap(
     frames: Image,
     frame: NDArray[np.int64],

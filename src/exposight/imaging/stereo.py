@@ -21,6 +21,7 @@ import numba
 import numpy as np
 
 from exposight.cell import Cloud
+from exposight.compiled import njit
 from exposight.errors import ImageError
 
 if TYPE_CHECKING:
@@ -230,7 +231,7 @@ def _disparities(
     return np.ascontiguousarray(disparity, dtype=np.int16)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _reject(
     steps: NDArray[np.int16],
     first_matchable: NDArray[np.bool_],
@@ -247,7 +248,7 @@ def _reject(
                 steps[r, c] = (lowest - 1) * _STEP
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _refined(
     first: NDArray[np.uint8], second: NDArray[np.uint8], steps: NDArray[np.int16], lowest: int
 ) -> NDArray[np.float32]:
@@ -272,7 +273,7 @@ def _refined(
     return refined
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _correction(
     first: NDArray[np.uint8], second: NDArray[np.uint8], r: int, c: int, d: float
 ) -> float:
@@ -314,7 +315,7 @@ def _correction(
     return -(sum_eg - sum_e * sum_g / n) / square
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _sample(disparity: NDArray[np.float32], u: float, v: float) -> float:
     """Return the disparity in px at a place between pixels, or NaN."""
     rows, columns = disparity.shape
@@ -340,7 +341,7 @@ def _sample(disparity: NDArray[np.float32], u: float, v: float) -> float:
     return total
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _fill_points(
     rays: NDArray[np.float64],
     disparity: NDArray[np.float32],

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from exposight.cell import Cloud
+from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.geometry import PixelBox
 from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
@@ -144,7 +145,7 @@ def _check_sizes(
         raise ImageError(msg)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _intersect(
     rays: NDArray[np.float64],
     columns: NDArray[np.float64],
@@ -180,7 +181,7 @@ def _intersect(
                 points[r, c, 2] = z
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _start(
     a: NDArray[np.float64],
     t: NDArray[np.float64],
@@ -208,7 +209,7 @@ def _start(
     return depth
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _solve(
     a: NDArray[np.float64],
     t: NDArray[np.float64],

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.geometry import PixelBox, count_points_inside
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
     return _Both(_ByPixel(following), _BySlice(cloud.points[stray]))
 
 
-@numba.njit(parallel=True, cache=True)
+@njit(parallel=True)
 def _find_strays(
     points: NDArray[np.float32], rays: NDArray[np.float64], allowed_x: float, allowed_y: float
 ) -> tuple[NDArray[np.bool_], int]:

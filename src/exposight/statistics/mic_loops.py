@@ -1,12 +1,12 @@
 """Compiled loops of the maximal information coefficient; they release Python's lock."""
 
-import numba
 import numpy as np
+from exposight.compiled import njit
 
 from exposight.statistics.vectors import FloatArray, IntArray
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def characteristic_one_way(
     order: IntArray,
     starts: IntArray,
@@ -39,7 +39,7 @@ def characteristic_one_way(
     return matrix
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _equal_counts(starts: IntArray, parts: int) -> IntArray:
     """Part (0 …) of every group, so that parts of whole groups hold about equally many points."""
     left = starts[-1]
@@ -58,7 +58,7 @@ def _equal_counts(starts: IntArray, parts: int) -> IntArray:
     return part
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _rows_of_equal_counts(order: IntArray, starts: IntArray, rows: int) -> IntArray:
     """Row of every point; equal values share a row."""
     part = _equal_counts(starts, rows)
@@ -69,7 +69,7 @@ def _rows_of_equal_counts(order: IntArray, starts: IntArray, rows: int) -> IntAr
     return row
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _superclumps(order: IntArray, starts: IntArray, row: IntArray, most: int) -> IntArray:
     """Places where the columns may be cut, with 0 and n.
 
@@ -101,7 +101,7 @@ def _superclumps(order: IntArray, starts: IntArray, row: IntArray, most: int) ->
     return ends
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _cumulative_counts(order: IntArray, row: IntArray, rows: int, ends: IntArray) -> IntArray:
     """Points of every row before every cut: (rows, len(ends))."""
     cumulative = np.zeros((rows, len(ends)), dtype=np.int64)
@@ -113,7 +113,7 @@ def _cumulative_counts(order: IntArray, row: IntArray, rows: int, ends: IntArray
     return cumulative
 
 
-@numba.njit(nogil=True, cache=True)
+@njit(nogil=True)
 def _least_losses(
     cumulative: IntArray, ends: IntArray, columns: int, x_log_x: FloatArray
 ) -> FloatArray:

@@ -8,11 +8,11 @@ generators*, OOPSLA 2014, constants of variant 13 by Stafford).
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from exposight.compiled import njit
 from exposight.errors import InputError
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -61,7 +61,7 @@ def stream_key(*numbers: int) -> np.uint64:
     return np.uint64(sequence.generate_state(1, np.uint64)[0])
 
 
-@numba.njit(inline="always")
+@njit(inline="always")
 def mix_bits(key: np.uint64, counter: np.uint64) -> np.uint64:
     """Return 64 random bits: number `counter` of the stream with this key."""
     x = key + (counter + np.uint64(1)) * _GOLDEN

@@ -8,15 +8,14 @@ library's functions would be called pair by pair.
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.gp.observations import FloatArray, IntArray
 
 # Only multiply-adds may be fused where every rounding counts; sums may be taken in any order.
 _EXACT: dict[str, Any] = {
     "nogil": True,
-    "cache": True,
     "error_model": "numpy",
     "fastmath": {"contract"},
 }
@@ -37,7 +36,7 @@ _NEARLY_0 = 1e-300  # what stands for 0 in a denominator
 _ROOT_3, _ROOT_5 = math.sqrt(3.0), math.sqrt(5.0)
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def _exp(x: float) -> float:
     """e^x for x <= 0: its power series within half of ln 2, scaled by a power of two."""
     bounded = max(x, _LEAST_EXPONENT)
@@ -62,7 +61,7 @@ def _exp(x: float) -> float:
     return scaled if x > _LEAST_EXPONENT else 0.0
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def _log1p(u: float) -> float:
     """log(1 + u) for u >= 0: 2 artanh(f / (2 + f)) by its series, 1 + f within root 2 of 1."""
     w = 1.0 + u
@@ -91,7 +90,7 @@ def _log1p(u: float) -> float:
     return result
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def _scaled_columns(y: FloatArray, columns: IntArray, rates: FloatArray) -> FloatArray:
     """Columns of (m, D) inputs times rates, each contiguous: (d, m)."""
     out = np.empty((len(columns), len(y)))
@@ -101,7 +100,7 @@ def _scaled_columns(y: FloatArray, columns: IntArray, rates: FloatArray) -> Floa
     return out
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def squared_distances(
     x: FloatArray, y: FloatArray, columns: IntArray, rates: FloatArray, out: FloatArray
 ) -> None:
@@ -133,7 +132,7 @@ def squared_distances(
                 out[i, j] += difference * difference
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def close_outside(
     x: FloatArray, y: FloatArray, column: int, low: float, high: float, out: FloatArray
 ) -> None:
@@ -146,7 +145,7 @@ def close_outside(
             out[:, j] = 0.0
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def weighted_square_differences(
     x: FloatArray, y: FloatArray, columns: IntArray, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
@@ -164,7 +163,7 @@ def weighted_square_differences(
     return out
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def weigh_pairs(
     inverse: FloatArray, alpha: FloatArray, first_row: int, first_column: int, out: FloatArray
 ) -> None:
@@ -189,7 +188,7 @@ def weigh_pairs(
 # returns the sum of weight times k, the derivative for the log of the variance.
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def correlate_squared_exponential(r2: FloatArray, variance: float) -> None:
     """Variance exp(−r²/2)."""
     flat = r2.ravel()
@@ -197,7 +196,7 @@ def correlate_squared_exponential(r2: FloatArray, variance: float) -> None:
         flat[i] = variance * _exp(-0.5 * flat[i])
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def derive_squared_exponential(r2: FloatArray, weights: FloatArray, variance: float) -> float:
     """W k."""
     flat, w, total = r2.ravel(), weights.ravel(), 0.0
@@ -208,7 +207,7 @@ def derive_squared_exponential(r2: FloatArray, weights: FloatArray, variance: fl
     return total
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def correlate_exponential(r2: FloatArray, variance: float) -> None:
     """Variance exp(−r)."""
     flat = r2.ravel()
@@ -216,7 +215,7 @@ def correlate_exponential(r2: FloatArray, variance: float) -> None:
         flat[i] = variance * _exp(-math.sqrt(flat[i]))
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def derive_exponential(r2: FloatArray, weights: FloatArray, variance: float) -> float:
     """W k / r, and 0 where r is: there the derivative, k r, vanishes."""
     flat, w, total = r2.ravel(), weights.ravel(), 0.0
@@ -229,7 +228,7 @@ def derive_exponential(r2: FloatArray, weights: FloatArray, variance: float) -> 
     return total
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def correlate_matern32(r2: FloatArray, variance: float) -> None:
     """Variance (1 + √3 r) exp(−√3 r)."""
     flat = r2.ravel()
@@ -238,7 +237,7 @@ def correlate_matern32(r2: FloatArray, variance: float) -> None:
         flat[i] = variance * (1.0 + a) * _exp(-a)
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def derive_matern32(r2: FloatArray, weights: FloatArray, variance: float) -> float:
     """3 W exp(−√3 r) times the variance."""
     flat, w, total = r2.ravel(), weights.ravel(), 0.0
@@ -250,7 +249,7 @@ def derive_matern32(r2: FloatArray, weights: FloatArray, variance: float) -> flo
     return total
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def correlate_matern52(r2: FloatArray, variance: float) -> None:
     """Variance (1 + √5 r + 5r²/3) exp(−√5 r)."""
     flat = r2.ravel()
@@ -259,7 +258,7 @@ def correlate_matern52(r2: FloatArray, variance: float) -> None:
         flat[i] = variance * (1.0 + a + a * a * (1.0 / 3.0)) * _exp(-a)
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def derive_matern52(r2: FloatArray, weights: FloatArray, variance: float) -> float:
     """5/3 W (1 + √5 r) exp(−√5 r) times the variance."""
     flat, w, total = r2.ravel(), weights.ravel(), 0.0
@@ -271,7 +270,7 @@ def derive_matern52(r2: FloatArray, weights: FloatArray, variance: float) -> flo
     return total
 
 
-@numba.njit(**_EXACT)
+@njit(**_EXACT)
 def correlate_rational_quadratic(r2: FloatArray, variance: float, alpha: float) -> None:
     """Variance (1 + r²/(2 alpha))^(−alpha)."""
     flat, rate = r2.ravel(), 0.5 / alpha
@@ -279,7 +278,7 @@ def correlate_rational_quadratic(r2: FloatArray, variance: float, alpha: float) 
         flat[i] = variance * _exp(-alpha * _log1p(flat[i] * rate))
 
 
-@numba.njit(**_SUMS)
+@njit(**_SUMS)
 def derive_rational_quadratic(
     r2: FloatArray, weights: FloatArray, variance: float, alpha: float
 ) -> tuple[float, float]:

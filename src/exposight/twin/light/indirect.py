@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.geometry import PixelBox
 from exposight.twin.light.shading import NUDGE_MM, light_along_rays
 from exposight.twin.part.surfaces import reflectance, surface_table
@@ -139,7 +140,7 @@ def _gathered(
     return result
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _scatter(
     positions: NDArray[np.float32],
     normals: NDArray[np.float32],
@@ -166,7 +167,7 @@ def _scatter(
                 origins[i * count + s, j] = positions[i, j] + NUDGE_MM * normal[j]
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _received(
     shining: NDArray[np.float32],
     directions: NDArray[np.float32],
@@ -191,7 +192,7 @@ def _received(
     return result
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _smoothed(radiance: NDArray[np.float32], depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Average every node with its neighbours of like depth."""
     rows, columns = radiance.shape
@@ -209,7 +210,7 @@ def _smoothed(radiance: NDArray[np.float32], depth: NDArray[np.float32]) -> NDAr
     return result
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _spread(
     nodes: NDArray[np.float32],
     node_depth: NDArray[np.float32],

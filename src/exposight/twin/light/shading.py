@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.errors import SensorError
 from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
 from exposight.twin.light.tracing import MISS_MM
@@ -215,7 +216,7 @@ def light_along_rays(
     return lit
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _normals(
     face: int,
     u: float,
@@ -249,7 +250,7 @@ def _normals(
     return facet, smooth
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _pattern_place(
     p: Vector,
     rotation: NDArray[np.float64],
@@ -277,7 +278,7 @@ def _pattern_place(
     return u, v, z, cosine
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _add_grain(
     p: Vector, normal: Vector, to_eye: Vector, surface: NDArray[np.float64]
 ) -> tuple[Vector, float]:
@@ -298,7 +299,7 @@ def _add_grain(
     return tilted, factor
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _light(
     origins: NDArray[np.float32],
     directions: NDArray[np.float32],

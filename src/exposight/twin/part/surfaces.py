@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from exposight.compiled import njit
 from exposight.errors import InputError
 from exposight.twin.random_numbers import mix_bits, stream_key
 from exposight.twin.vectors import Vector, dot, tangents, unit
@@ -153,7 +153,7 @@ def surface_table(
 # -- reflectance ------------------------------------------------------------------------------
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def reflectance(
     surface: NDArray[np.float64], normal: Vector, to_light: Vector, to_eye: Vector
 ) -> float:
@@ -202,12 +202,12 @@ _MASK20, _MASK21 = np.uint64((1 << 20) - 1), np.uint64((1 << 21) - 1)
 _21, _42 = np.uint64(21), np.uint64(42)
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _smooth(t: float) -> float:
     return t * t * (3.0 - 2.0 * t)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def grain(x_mm: float, y_mm: float, z_mm: float, stretch: float) -> Vector:
     """Return three independent noises at a point of the part, each between −1 and 1, mean 0.
 

@@ -20,6 +20,7 @@ import cv2
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.errors import SensorError
 from exposight.twin.light import spread_by_lens
 
@@ -130,7 +131,7 @@ def dot_radiance(view: ViewLight, dots: NDArray[np.uint16]) -> NDArray[np.float3
     return np.asarray(spread_by_lens(radiance, tile, view.model.camera.spread_px)[0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _draw_discs(centres: NDArray[np.float64], radius: float, image: NDArray[np.float32]) -> None:
     """Draw discs with edges that fall off over a pixel; centres are (row, column)."""
     reach = math.ceil(radius + 0.5)
@@ -143,7 +144,7 @@ def _draw_discs(centres: NDArray[np.float64], radius: float, image: NDArray[np.f
                 image[r, c] = max(image[r, c], share)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _light_dots(
     samples: tuple[
         NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]
@@ -168,7 +169,7 @@ def _light_dots(
             radiance[r, c] = (total / n + indirect[r, c] * mean) / _FULL + ambient[r, c]
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _share(
     dots: NDArray[np.uint16], blurs: NDArray[np.float64], u: float, v: float, blur: float
 ) -> float:

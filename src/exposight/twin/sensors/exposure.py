@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.errors import ImageError, InputError, SensorError
 from exposight.twin.random_numbers import NORMAL_BITS, NORMAL_TABLE, mix_bits, stream_key
 
@@ -119,13 +120,13 @@ class CameraElectronics:
         )
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def normals_of(bits: np.uint64, table: NDArray[np.float32], i: int) -> np.float32:
     """Return the i-th (0 … 3) standard normal number in 64 random bits."""
     return np.float32(table[np.int64((bits >> (_BITS * np.uint64(i))) & _MASK)])
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def pixel_gain(
     key: np.uint64, pixel: np.uint64, prnu: np.float32, table: NDArray[np.float32]
 ) -> np.float32:
@@ -133,7 +134,7 @@ def pixel_gain(
     return np.float32(1.0) + prnu * normals_of(mix_bits(key, pixel), table, 0)
 
 
-@numba.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def grey_value(
     electrons: np.float32, normal: np.float32, read_variance: np.float32, gain: np.float32
 ) -> np.uint8:
@@ -197,7 +198,7 @@ def expose(
     return grey
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _expose(
     radiance: NDArray[np.float32],
     camera: NDArray[np.float32],

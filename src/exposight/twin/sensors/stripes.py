@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.compiled import njit
 from exposight.twin.light import spread_by_lens
 from exposight.twin.random_numbers import NORMAL_TABLE, mix_bits
 from exposight.twin.sensors.exposure import FRAMES_PER_DRAW, grey_value, normals_of, pixel_gain
@@ -164,7 +165,7 @@ def expose_stripes(
     return stacks
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _phasors(
     samples: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     other: tuple[NDArray[np.float32], NDArray[np.float32]],
@@ -196,7 +197,7 @@ def _phasors(
             planes[0, r, c] = 0.5 * (even / n + indirect[r, c]) + ambient[r, c]
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy")
 def _expose_stripes(
     light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     fringe: NDArray[np.int64],
