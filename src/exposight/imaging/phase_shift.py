@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
-from exposight.compiled import njit
 
 from exposight.cell import GREY_MAX
+from exposight.compiled import njit
 from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
 from exposight.imaging.gray_code import decode_gray_code
 

@@ -1,8 +1,8 @@
 """Compiled loops of the maximal information coefficient; they release Python's lock."""
 
 import numpy as np
-from exposight.compiled import njit
 
+from exposight.compiled import njit
 from exposight.statistics.vectors import FloatArray, IntArray
 
 
