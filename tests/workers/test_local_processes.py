@@ -8,7 +8,8 @@ from contextlib import closing
 
 import pytest
 
-from exposight.workers import LocalProcesses
+from exposight.errors import InputError
+from exposight.workers import DaskCluster, LocalProcesses, choose_workers
 
 LONG_S = 60.0
 SOON_S = 20.0
@@ -16,11 +17,21 @@ SOON_S = 20.0
 
 ENDLESS = f"""
 import time
-from exposight.workers import LocalProcesses
+from exposight.errors import InputError
+from exposight.workers import DaskCluster, LocalProcesses, choose_workers
 
 for _ in LocalProcesses(2).run(time.sleep, [0.0, {LONG_S}, {LONG_S + 1}]):
     print("begun", flush=True)
 """
+
+
+def test_workers_are_here_or_on_a_cluster():
+    assert choose_workers(3) == LocalProcesses(3)
+    assert choose_workers(1, "tcp://host:8786") == DaskCluster("tcp://host:8786")
+    with pytest.raises(InputError, match="got 2 workers and the cluster 'tcp://host:8786'"):
+        choose_workers(2, "tcp://host:8786")
+    with pytest.raises(InputError, match="at least 1 worker, got 0"):
+        choose_workers(0)
 
 
 def test_one_worker_is_this_process():

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from exposight.errors import InputError, ObservationError
+from exposight.errors import ObservationError
 from exposight.gp import fit, fit_committee
 from exposight.models.evaluation import check_rows
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
 from exposight.models.specification import I_AVG_MAX, I_AVG_MIN
-from exposight.workers import DaskCluster, LocalProcesses, Progress, Workers, ignore_progress
+from exposight.workers import DaskCluster, Progress, choose_workers, ignore_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -121,14 +121,8 @@ def run_trainings(
     ObservationError, NumericalError
         As for `train`, or if workers die.
     """
-    if cluster is not None and workers != 1:
-        msg = (
-            f"models are trained by processes here or by a cluster, got {workers} workers and "
-            f"the cluster {cluster!r}; choose one"
-        )
-        raise InputError(msg)
+    pool = choose_workers(workers, cluster)
     ordered = sorted(trainings, key=lambda training: training.cost, reverse=True)
-    pool: Workers = DaskCluster(cluster) if cluster is not None else LocalProcesses(workers)
     progress(_STAGE, 0, len(ordered))
     alone = len(ordered) == 1 and ordered[0].needs_committee  # its shards are shared out instead
     if alone or (cluster is None and min(workers, len(ordered)) <= 1):

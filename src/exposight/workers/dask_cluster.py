@@ -1,4 +1,4 @@
-"""Tasks of a simulation done by the workers of a Dask scheduler (extra ``cluster``)."""
+"""Run tasks in parallel on the workers of a Dask scheduler (extra ``cluster``)."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numba
 
 from exposight import __version__
 from exposight.errors import InputError, NumericalError
+from exposight.workers.local_processes import LocalProcesses, Workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -23,14 +24,14 @@ if TYPE_CHECKING:
 
 
 _WAKE_S = 2.0
-"""How often to look whether anybody is left to do the tasks."""
+"""Interval at which to check that workers are left."""
 
 _SCHEMES = {"tcp", "tls", "ucx", "ws", "wss"}
 
 _GOES_ON = "what was captured is kept: run again to go on"
 
 _ONE_AT_A_TIME = threading.Lock()
-"""A Dask worker may have several threads; one view fills a core and a gigabyte by itself."""
+"""A Dask worker may have several threads; one task fills a core and a gigabyte by itself."""
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
@@ -38,18 +39,18 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class DaskCluster:
-    """The workers of a Dask scheduler.
+    """Run tasks in parallel on the workers of a Dask scheduler.
 
-    A worker that dies costs nothing: its task is done again by another. Processes do one task at
-    a time, however many threads they have.
+    If a worker dies, another runs its task again. Each process runs one task at a time, however
+    many threads it has.
 
     Parameters
     ----------
     address : str
-        The scheduler's, as ``tcp://host:8786``.
+        Address of the scheduler, such as ``tcp://host:8786``.
     patience_s : float, s
-        How long to wait for a first worker, and for one to come back when all are gone; a third of
-        it for the scheduler.
+        How long to wait for a first worker, and for one to return when all are gone; the scheduler
+        must answer within a third of it.
     """
 
     address: str
@@ -58,7 +59,7 @@ class DaskCluster:
     def run(
         self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> Generator[tuple[_Task, _Result]]:
-        """Do tasks and yield them with their results as they are done (`Workers`).
+        """Run tasks and yield each with its result as soon as it is done (`Workers`).
 
         Raises
         ------
@@ -76,22 +77,22 @@ class DaskCluster:
             run = uuid.uuid4().hex
             futures = {
                 client.submit(
-                    do_alone,
+                    run_alone,
                     __version__,
-                    pickle.dumps((work, task)),  # as bytes: nobody looks for tasks in it
+                    pickle.dumps((work, task)),  # as bytes, which Dask does not traverse
                     key=f"exposight-{run}-{number}",
                     pure=False,
                 ): task
                 for number, task in enumerate(tasks)
             }
             try:
-                with self._told(dask):
+                with self._failures_named(dask):
                     while futures:
                         for future in self._next_done(dask, client, list(futures)):
                             result = future.result()
                             yield futures.pop(future), result
             finally:
-                with suppress(Exception):  # whatever ended this matters more
+                with suppress(Exception):  # the error that ended this matters more
                     client.cancel(list(futures), force=True)
 
     @contextmanager
@@ -141,8 +142,8 @@ class DaskCluster:
         raise NumericalError(msg)
 
     @contextmanager
-    def _told(self, dask: ModuleType) -> Iterator[None]:
-        """Tell failures of the cluster in our words; the tasks' own pass."""
+    def _failures_named(self, dask: ModuleType) -> Iterator[None]:
+        """Name failures of the cluster and what to do; errors of the tasks pass unchanged."""
         try:
             yield
         except dask.KilledWorker as error:
@@ -164,15 +165,41 @@ class DaskCluster:
             raise InputError(msg) from error
 
 
-def do_alone(version: str, pickled: bytes) -> object:
-    """Do a pickled task in a Dask worker, alone in its process.
+def choose_workers(count: int = 1, cluster: str | None = None) -> Workers:
+    """Return processes of this machine, or the workers of a cluster where one is given.
+
+    Parameters
+    ----------
+    count : int, 1 or more
+        Processes on this machine.
+    cluster : str, optional
+        Address of a Dask scheduler.
+
+    Raises
+    ------
+    InputError
+        If the count is below 1, or more than one process and a cluster are given.
+    """
+    if cluster is None:
+        return LocalProcesses(count)
+    if count != 1:
+        msg = (
+            f"tasks run on processes of this machine or on a cluster, got {count} workers and the "
+            f"cluster {cluster!r}; choose one"
+        )
+        raise InputError(msg)
+    return DaskCluster(cluster)
+
+
+def run_alone(version: str, pickled: bytes) -> object:
+    """Run a pickled task in a Dask worker, one at a time in its process.
 
     Parameters
     ----------
     version : str
-        Of exposight where the task comes from.
+        Version of exposight that submitted the task.
     pickled : bytes
-        What to do and with what.
+        The callable and its task.
 
     Raises
     ------
@@ -188,7 +215,7 @@ def do_alone(version: str, pickled: bytes) -> object:
         )
         raise InputError(msg)
     with _ONE_AT_A_TIME:
-        numba.set_num_threads(1)  # its siblings have the other cores; holds for this thread only
+        numba.set_num_threads(1)  # other workers use the other cores; holds for this thread only
         work, task = pickle.loads(pickled)
         return work(task)
 
@@ -207,7 +234,7 @@ def _import_distributed() -> ModuleType:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Dask's own log off the terminal: what matters is raised."""
+    """Silence Dask's log: what matters is raised."""
     loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
     loggers += [
         logger

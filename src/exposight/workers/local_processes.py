@@ -1,4 +1,4 @@
-"""Who does the tasks of a simulation: processes here, begun afresh and never left alone."""
+"""Run tasks in parallel on processes of this machine, which never outlive this one."""
 
 from __future__ import annotations
 
@@ -23,66 +23,66 @@ if TYPE_CHECKING:
 
 
 _MOST_WORKERS = 8
-"""More have to be asked for: each may take a gigabyte of memory."""
+"""Each may take a gigabyte of memory, so more must be requested."""
 
 _WAKE_S = 0.2
-"""Ctrl-C does not everywhere wake a thread that waits for others, so this one wakes by itself."""
+"""Ctrl-C does not wake a waiting thread on every platform, so it wakes regularly."""
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
 
 
 def usual_workers() -> int:
-    """Return how many processes work at the same time unless told otherwise: one a core."""
+    """Return the default number of parallel processes: one per usable core, at most 8."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return min(usable or 1, _MOST_WORKERS)
 
 
 class Workers(Protocol):
-    """Those who do tasks, several at a time."""
+    """Run tasks in parallel."""
 
     def run(
         self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> Generator[tuple[_Task, _Result]]:
-        """Do tasks and yield them with their results as they are done, in any order.
+        """Run tasks and yield each with its result as soon as it is done, in any order.
 
-        Close the generator (`contextlib.closing`) to be sure that no further task is begun.
+        Close the generator (`contextlib.closing`) to be sure that no further task begins.
 
         Parameters
         ----------
         work : callable
-            What to do with a task; importable by other processes, as are the tasks and the
-            results. Doing a task twice must do no harm.
+            Runs one task. It, the tasks and the results are sent to other processes, so they must
+            be picklable. Running a task twice must do no harm.
         tasks : sequence
-            What to do.
+            The tasks.
 
         Raises
         ------
         NumericalError
-            If there is nobody left to do a task.
+            If no worker is left to run a task.
         ExposightError
-            That `work` raised.
+            Raised by `work`.
         """
         ...
 
 
 @dataclass(frozen=True)
 class LocalProcesses:
-    """Processes on this machine.
+    """Run tasks in parallel on processes of this machine.
 
-    They end when the generator of `run` is closed or fails, and when this process dies, whatever
-    kills it. They are begun afresh ("spawn"), so a script that uses more than one needs
-    ``if __name__ == "__main__":`` around what it does.
+    The processes end when the generator of `run` is closed or fails, and when this process dies,
+    however it dies. They are spawned, not forked, so a script that uses more than one needs an
+    ``if __name__ == "__main__":`` block.
 
     Parameters
     ----------
     count : int, 1 or more
-        How many; 1 works in this one.
+        Number of processes; 1 runs the tasks in this one.
 
     Raises
     ------
     InputError
-        If there is none.
+        If it is below 1.
     """
 
     count: int = 1
@@ -95,7 +95,7 @@ class LocalProcesses:
     def run(
         self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
     ) -> Generator[tuple[_Task, _Result]]:
-        """Do tasks and yield them with their results as they are done (`Workers`).
+        """Run tasks and yield each with its result as soon as it is done (`Workers`).
 
         Raises
         ------
@@ -105,7 +105,7 @@ class LocalProcesses:
         if self.count == 1 or len(tasks) <= 1:
             yield from ((task, work(task)) for task in tasks)
             return
-        # Fresh processes: forking one that has run compiled threads can hang.
+        # Spawned, because forking a process that has run compiled threads can hang.
         context = multiprocessing.get_context("spawn")
         leash, held = context.Pipe(duplex=False)
         with (
@@ -119,7 +119,7 @@ class LocalProcesses:
             ) as pool,
         ):
             try:
-                with _children_deaf_to_interrupts():
+                with _interrupts_blocked():
                     futures = {pool.submit(work, task): task for task in tasks}
                 while futures:
                     done, _ = wait(futures, timeout=_WAKE_S, return_when=FIRST_COMPLETED)
@@ -137,10 +137,10 @@ class LocalProcesses:
 
 
 @contextmanager
-def _children_deaf_to_interrupts() -> Iterator[None]:
-    """Let processes begun within this block not hear Ctrl-C, not even while they start.
+def _interrupts_blocked() -> Iterator[None]:
+    """Keep Ctrl-C from processes started within this block, even while they start.
 
-    In a terminal it reaches all of them; this one decides what becomes of the others.
+    A terminal sends it to all of them; this process decides when the others end.
     """
     if sys.platform == "win32":  # no such masks there; `_begin_worker` has to do
         yield
@@ -153,14 +153,14 @@ def _children_deaf_to_interrupts() -> Iterator[None]:
 
 
 def _begin_worker(leash: Connection) -> None:
-    """Make a process ready for work."""
-    numba.set_num_threads(1)  # its siblings have the other cores
+    """Prepare a process for work."""
+    numba.set_num_threads(1)  # the other processes use the other cores
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(leash,), daemon=True).start()
 
 
 def _end_with(leash: Connection) -> None:
-    """End this worker when its parent lets go or dies: an orphan would disturb the next run."""
+    """End this process when its parent closes the pipe or dies."""
     with suppress(EOFError, OSError):
         leash.recv()  # nothing is ever sent
     os._exit(1)

@@ -1,4 +1,4 @@
-"""How far work is: one contract for everything that takes more than two seconds."""
+"""Progress reports: one contract for everything that takes more than two seconds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Receives how far a piece of work is; a terminal draws a bar of it."""
+    """Receives the progress of a piece of work; a terminal draws a bar."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Report progress.
@@ -14,7 +14,7 @@ class Progress(Protocol):
         Parameters
         ----------
         stage : str
-            What is being done, in a few words, such as "observing".
+            What is being done, such as "observing".
         done, total : int
             Steps done and steps in all; a total of 0 means that it is not known yet.
         """
