@@ -22,11 +22,12 @@ from exposight.models import train
 from exposight.observing import (
     Observation,
     ObservationTable,
+    RingBrightness,
     observe_capture,
     point_search,
+    ring_brightness,
     view_features,
 )
-from exposight.observing.brightness import RingBrightness, ring_brightness
 from exposight.paper import (
     CAMPAIGNS,
     DATASETS,

@@ -1,6 +1,6 @@
 """The catalogue of quantities: every column has an entry, and an unknown one is written safely."""
 
-from exposight.observing.observation import SCHEMA
+from exposight.observing import SCHEMA
 from exposight.quantities import QUANTITIES, quantity
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from exposight.cell import Capture, Cloud
 from exposight.geometry import RigidTransform
-from exposight.observing.brightness import ring_brightness
+from exposight.observing import ring_brightness
 
 ROUNDING = 1e-9
 """Sums of a few thousand grey values."""

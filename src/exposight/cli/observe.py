@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -141,7 +140,7 @@ def observe_command(
     keep_inputs(output, image, cloud, features, pose)
     source = _source(campaign, single)
     with progress_bars() as progress:
-        table = observe_campaign(source, tolerance, progress=partial(progress, "observing"))
+        table = observe_campaign(source, tolerance, progress=progress)
     table.write(output)
     if as_json:
         print_json(_document(source, table, output))

@@ -187,7 +187,7 @@ def run_door(
     rings = CellSettings(rings_only=True, workers=settings.workers)
     campaign = _simulate(plan, folder / "campaign", rings, "measuring the door", tell)
     write_features(folder / "features.csv", part.features)
-    table = observe_campaign(campaign, progress=lambda done, n: tell("observing", done, n))
+    table = observe_campaign(campaign, progress=tell)
     table.write(folder / "observations.csv")
     names = table.names("feature")
     unseen = np.array([name.endswith(_UNSEEN_SUFFIX) for name in names])

@@ -185,7 +185,7 @@ def run_skull(
         msg = f"{error} (it holds a demonstration of another seed or number of features)"
         raise InputError(msg) from error
     write_features(folder / "features.csv", features)
-    table = observe_campaign(campaign, progress=lambda done, n: tell("observing", done, n))
+    table = observe_campaign(campaign, progress=tell)
     table.write(folder / "observations.csv")
     split = split_by_group(table.names("feature"), 0.5, np.random.default_rng(settings.seed))
     trains = np.isin(np.arange(len(table)), split.train)

@@ -7,7 +7,13 @@ from exposight.observing.masks import (
     orientation_deg,
     view_features,
 )
-from exposight.observing.observation import SCHEMA, Observation
-from exposight.observing.observe import observe_campaign, observe_capture
+from exposight.observing.observe import (
+    RingBrightness,
+    observe_campaign,
+    observe_capture,
+    ring_brightness,
+)
 from exposight.observing.point_search import PointSearch, point_search
-from exposight.observing.table import ObservationTable, read_inputs, read_observations
+from exposight.observing.schema import REQUIRED, SCHEMA, Observation
+from exposight.observing.table import ObservationTable
+from exposight.observing.table_file import read_inputs, read_observations

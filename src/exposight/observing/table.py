@@ -1,80 +1,232 @@
-"""The observation table: one row for each feature and capture, checked when read.
+"""The observation table: one row for each feature and capture, checked wherever it comes from.
 
 Columns, their units and order are in ``docs/formats.md``; units stand in the names. A row whose
-feature could not be measured says why in ``visibility`` and has no p_norm.
+feature could not be measured says why in ``visibility`` and has no p_norm. Columns that are not
+listed are kept, and models may read them.
 """
 
 from __future__ import annotations
 
+import html
 import io
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
-from exposight.errors import FormatError, MissingFileError, ObservationError
+from exposight.errors import (
+    FormatError,
+    InputError,
+    ObservationError,
+    did_you_mean,
+)
 from exposight.files.durable import write_durably
-from exposight.observing.columns import (
-    cast,
-    check_header,
+from exposight.observing.masks import Visibility
+from exposight.observing.schema import (
+    REQUIRED,
+    SCHEMA,
+    Observation,
+    cast_known,
+    check_further_columns,
+    check_names,
     check_values,
-    check_whole,
+    check_whole_numbers,
     missing_column,
 )
-from exposight.observing.masks import Visibility
-from exposight.observing.observation import REQUIRED, SCHEMA, Observation
+from exposight.quantities import QUANTITIES
+from exposight.statistics import random_split, split_by_group
+from exposight.tables import counted, fixed, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-_TEXT = {name: dtype for name, dtype in SCHEMA.items() if dtype == pl.String}
+
+_NEAR_MM = 5.0
+"""A cell's positions reach farther from the TCP than this."""
+
+_SHOWN = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
+"""Columns whose ranges a notebook shows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservationTable:
-    """Observations as a polars frame with the columns of `Observation`.
+    """Observations as a polars frame.
 
     Parameters
     ----------
     frame : polars.DataFrame
-        Has `SCHEMA`.
+        Has the columns of `SCHEMA`, then any further ones of numbers, texts or truth values.
+        `from_frame` makes such a frame of one that leaves columns out.
+    checked : bool
+        True for rows of a table that was checked before.
+
+    Raises
+    ------
+    ObservationError
+        If a column is missing or has another type, or a value is not possible.
     """
 
     frame: pl.DataFrame
+    checked: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
-        if self.frame.schema != SCHEMA:
+    def __post_init__(self, checked: bool) -> None:
+        if checked:
+            return
+        schema = self.frame.schema
+        if tuple(schema.items())[: len(SCHEMA)] != tuple(SCHEMA.items()):
             msg = (
-                f"an observation table must have the columns {', '.join(SCHEMA)}, "
-                f"got {', '.join(self.frame.columns)}"
+                f"an observation table must have the columns {', '.join(SCHEMA)} with their types, "
+                f"got {', '.join(self.frame.columns)}; ObservationTable.from_frame fills in what "
+                "may be left out"
             )
             raise ObservationError(msg)
+        check_further_columns(self.frame)
+        check_values(self.frame)
 
     @classmethod
     def from_observations(cls, observations: Sequence[Observation]) -> ObservationTable:
         """Build a table from single observations."""
         columns = {name: [getattr(row, name) for row in observations] for name in SCHEMA}
-        return cls(frame=pl.DataFrame(columns, schema=SCHEMA))
+        frame = pl.DataFrame(columns, schema=SCHEMA)
+        names = dict.fromkeys(name for row in observations for name in row.extra)
+        extra = {name: [row.extra.get(name) for row in observations] for name in names}
+        if extra:
+            check_names(extra, present=tuple(SCHEMA))
+            frame = frame.with_columns(pl.Series(name, extra[name]) for name in extra)
+        return cls(frame=frame)
+
+    @classmethod
+    def from_frame(cls, frame: pl.DataFrame) -> ObservationTable:
+        """Build a table from a frame that has at least the columns `REQUIRED`, in any order.
+
+        Other known columns are filled with nothing where they are missing, so that a table made
+        elsewhere, like the paper's supplementary one, can be brought. Unknown ones are kept.
+
+        Raises
+        ------
+        FormatError
+            If a column is missing, has another unit or the wrong type, or its name is nearly a
+            known one's.
+        ObservationError
+            If a value is out of its range.
+        """
+        check_names(frame.columns, present=frame.columns, required=REQUIRED)
+        filled = frame.with_columns(
+            missing_column(name) for name in SCHEMA if name not in frame.columns
+        )
+        check_whole_numbers(filled)
+        further = [name for name in frame.columns if name not in SCHEMA]
+        return cls(frame=cast_known(filled, tuple(SCHEMA)).with_columns(filled.select(further)))
+
+    @classmethod
+    def concat(cls, tables: Sequence[ObservationTable]) -> ObservationTable:
+        """Put tables one below the other; further columns are empty where a table has none.
+
+        Raises
+        ------
+        ObservationError
+            If a further column holds numbers in one table and text in another.
+        """
+        if not tables:
+            return cls.from_observations([])
+        frames = [table.frame for table in tables]
+        for name in dict.fromkeys(name for table in tables for name in table.further_columns):
+            types = {frame.schema[name] for frame in frames if name in frame.columns} - {pl.Null()}
+            if len(types) > 1 and not all(dtype.is_numeric() for dtype in types):
+                listed = ", ".join(map(str, types))
+                msg = f"the tables' columns {name!r} do not fit together: {listed}"
+                raise ObservationError(msg)
+        return cls(frame=pl.concat(frames, how="diagonal_relaxed"), checked=True)
 
     def __len__(self) -> int:
         return self.frame.height
 
+    @property
+    def further_columns(self) -> tuple[str, ...]:
+        """Names of the columns beyond the known ones."""
+        return tuple(self.frame.columns[len(SCHEMA) :])
+
     def measured(self) -> ObservationTable:
         """Return the rows whose feature was visible and measured."""
         visible = pl.col("visibility") == Visibility.VISIBLE.value
-        return ObservationTable(frame=self.frame.filter(visible & pl.col("p_norm").is_not_null()))
+        return self._filtered(visible & pl.col("p_norm").is_not_null())
 
     def with_quality(self, p_norm_min: float) -> ObservationTable:
         """Return the rows with p_norm ≥ `p_norm_min` (Sect. 3.4.1 keeps those ≥ 0.75)."""
-        return ObservationTable(frame=self.frame.filter(pl.col("p_norm") >= p_norm_min))
+        return self._filtered(pl.col("p_norm") >= p_norm_min)
 
     def where(self, mask: NDArray[np.bool_]) -> ObservationTable:
         """Return the rows where `mask`, (n,) bool, is true."""
-        return ObservationTable(frame=self.frame.filter(pl.Series(mask)))
+        return self._filtered(pl.Series(mask))
+
+    def _filtered(self, condition: pl.Expr | pl.Series) -> ObservationTable:
+        return ObservationTable(frame=self.frame.filter(condition), checked=True)
+
+    def split(
+        self, *, by: str = "feature", share: float = 0.8, seed: int = 1
+    ) -> tuple[ObservationTable, ObservationTable]:
+        """Split the table into one to train on and one to test on.
+
+        By features, the test shows how good a model is for features it never saw; by views, for
+        positions that it never saw. By rows, as in the paper, other exposure times of the same
+        feature at the same view train, which flatters.
+
+        Parameters
+        ----------
+        by : str
+            What stays together: "feature", "view" or another column of names; "row" for nothing.
+        share : float
+            Of features, views or rows that train, between 0 and 1.
+        seed : int
+            Random seed of the draw.
+
+        Returns
+        -------
+        train, test : ObservationTable
+
+        Raises
+        ------
+        InputError
+            If the share is not between 0 and 1, or there is no such column.
+        ObservationError
+            If a side would be empty, or hold no measured observation.
+        """
+        if by != "row" and by not in self.frame.columns:
+            known = ("row", *self.frame.columns)
+            msg = f"no column {by!r} to split by{did_you_mean(by, known)}"
+            raise InputError(msg)
+        if len(self) == 0:
+            msg = "the table has no rows, so there is nothing to split"
+            raise ObservationError(msg)
+        rng = np.random.default_rng(seed)
+        groups = np.arange(len(self)) if by == "row" else self.names(by).astype(str)
+        number_of_groups = len(set(groups.tolist()))
+        try:
+            if by == "row":
+                sides = random_split(number_of_groups, share, rng)
+            else:
+                sides = split_by_group(groups, share, rng)
+        except ObservationError as error:
+            msg = (
+                f"a share of {share:g} of {counted(number_of_groups, by)} leaves no {by} to train "
+                "or none to test; choose another share, or split by something else"
+            )
+            raise ObservationError(msg) from error
+        parts = [
+            ObservationTable(frame=self.frame[rows], checked=True)
+            for rows in (sides.train, sides.test)
+        ]
+        for side, part in zip(sides._fields, parts, strict=True):
+            if len(part.measured()) == 0:
+                msg = (
+                    f"the rows to {side} hold no measured observation; choose another seed or share"
+                )
+                raise ObservationError(msg)
+        return parts[0], parts[1]
 
     def array(self, columns: Sequence[str]) -> NDArray[np.float64]:
         """Return numeric columns as an array.
@@ -94,10 +246,13 @@ class ObservationTable:
         ObservationError
             If a column is unknown or not a number.
         """
-        numeric = [name for name, dtype in SCHEMA.items() if dtype.is_numeric()]
+        numeric = [name for name, dtype in self.frame.schema.items() if dtype.is_numeric()]
         for name in columns:
             if name not in numeric:
-                msg = f"no numeric column '{name}' in an observation table; it has {numeric}"
+                msg = (
+                    f"no numeric column '{name}' in the observation table; it has {numeric}"
+                    f"{did_you_mean(name, numeric)}"
+                )
                 raise ObservationError(msg)
         selected = self.frame.select(pl.col(list(columns)).cast(pl.Float64).fill_null(np.nan))
         return np.asarray(selected.to_numpy(), dtype=np.float64).reshape(-1, len(columns))
@@ -108,8 +263,25 @@ class ObservationTable:
 
     def counts(self) -> dict[str, int]:
         """Return how many rows there are of each visibility, the commonest first."""
-        counted = self.frame["visibility"].value_counts(sort=True)
-        return dict(counted.iter_rows())
+        counted_rows = self.frame["visibility"].value_counts(sort=True)
+        return dict(counted_rows.iter_rows())
+
+    def remarks(self) -> tuple[str, ...]:
+        """Say what of the table may not have been meant: positions in metres, repeated rows."""
+        remarks = []
+        measured = self.measured()
+        if len(measured):
+            farthest = float(np.abs(measured.array(("x_mm", "y_mm", "z_mm"))).max())
+            if farthest < _NEAR_MM:
+                remarks.append(
+                    f"no x_mm, y_mm or z_mm is farther than {number(farthest, 3)} mm from 0: are "
+                    "they in metres? positions are in mm, multiply by 1000 if so"
+                )
+        repeated = len(self) - self.frame.n_unique()
+        if repeated:
+            verb = "repeats" if repeated == 1 else "repeat"
+            remarks.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
+        return tuple(remarks)
 
     def write(self, path: str | Path) -> None:
         """Write the table durably as CSV or, by the suffix ``.parquet``, as Parquet.
@@ -127,117 +299,32 @@ class ObservationTable:
             case ".parquet":
                 self.frame.write_parquet(buffer)
             case suffix:
-                raise FormatError(_wrong_suffix(path, suffix))
+                raise FormatError(wrong_suffix(path, suffix))
         write_durably(path, buffer.getvalue())
 
-
-def read_observations(path: str | Path) -> ObservationTable:
-    """Read and check an observation table.
-
-    Columns up to ``radius_mm`` must be there; missing later ones are filled with nothing, so that
-    a table made elsewhere, like the paper's supplementary one, can be brought.
-
-    Parameters
-    ----------
-    path : path
-        CSV or Parquet.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FormatError
-        If it cannot be parsed, has another header or unit, or a column has the wrong type.
-    ObservationError
-        If a value is out of its range.
-    """
-    path = Path(path)
-    _check_file(path, "observation table")
-    frame = _read_frame(path)
-    check_header(path, frame.columns, required=REQUIRED, closed=True)
-    frame = frame.with_columns(missing_column(name) for name in SCHEMA if name not in frame.columns)
-    check_whole(path, frame)
-    frame = cast(path, frame, tuple(SCHEMA))
-    check_values(path, frame)
-    return ObservationTable(frame=frame)
+    def _repr_html_(self) -> str:
+        measured = self.measured()
+        counts = ", ".join(f"{count} {reason}" for reason, count in self.counts().items())
+        lines = [
+            f"<b>{counted(len(self), 'observation')}</b> of "
+            f"{counted(self.frame['feature'].n_unique(), 'feature')} in "
+            f"{counted(self.frame['view'].n_unique(), 'view')} ({counts or 'no rows'}); "
+            f"measured: {len(measured)}"
+        ]
+        if self.further_columns:
+            lines.append(f"further columns: {', '.join(self.further_columns)}")
+        cells = []
+        for name in _SHOWN if len(measured) else ():
+            scale, values = QUANTITIES[name], measured.array([name])[:, 0]
+            shown = (values.min(), float(np.median(values)), values.max())
+            numbers = "".join(f"<td>{fixed(value, scale.digits)}</td>" for value in shown)
+            unit = f" ({scale.suffix})" if scale.suffix else ""
+            cells.append(f"<tr><th>{scale.html}{unit}</th>{numbers}</tr>")
+        body = f"<tr><th></th><th>least</th><th>median</th><th>most</th></tr>{''.join(cells)}"
+        text = "<br>".join([lines[0], *map(html.escape, lines[1:])])
+        return f"<div><p>{text}</p>{f'<table>{body}</table>' if cells else ''}</div>"
 
 
-def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
-    """Read a table of what a model is asked about, which need hold nothing else.
-
-    Parameters
-    ----------
-    path : path
-        CSV or Parquet: an observation table, or any table with these columns.
-    columns : sequence of str
-        The model's inputs, with their units in their names.
-
-    Returns
-    -------
-    polars.DataFrame
-        The columns, and of ``feature``, ``view``, ``exposure_ms`` and ``p_norm`` what there is;
-        what there is not is null.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FormatError
-        If it cannot be parsed, lacks a column or has it in another unit, or it is not a number.
-    """
-    path = Path(path)
-    _check_file(path, "table")
-    frame = _read_frame(path)
-    check_header(path, frame.columns, required=columns, closed=False)
-    wanted = dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm"))
-    there = [name for name in wanted if name in frame.columns]
-    known = cast(path, frame, there)
-    missing = (pl.lit(None, SCHEMA[name]).alias(name) for name in wanted if name not in there)
-    return known.with_columns(missing).select(*wanted)
-
-
-def _check_file(path: Path, what: str) -> None:
-    """Check that there is a file, and say what a folder of that name may be."""
-    if path.is_file():
-        return
-    if (path / "campaign.json").is_file():
-        msg = f"{path}: a campaign's folder, no {what}; `exposight observe` makes a table of it"
-        raise FormatError(msg)
-    if path.is_dir():
-        msg = f"{path}: a folder; expected the file of the {what}, .csv or .parquet"
-        raise FormatError(msg)
-    msg = f"{path}: no such {what}"
-    raise MissingFileError(msg)
-
-
-def _read_frame(path: Path) -> pl.DataFrame:
-    try:
-        match path.suffix.lower():
-            case ".csv":
-                _check_separator(path)
-                # Without the types a feature called 007 would become 7.
-                return pl.read_csv(path, infer_schema_length=None, schema_overrides=_TEXT)
-            case ".parquet":
-                return pl.read_parquet(path)
-            case suffix:
-                raise FormatError(_wrong_suffix(path, suffix))
-    except (pl.exceptions.PolarsError, OSError) as error:
-        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
-        raise FormatError(msg) from error
-
-
-def _check_separator(path: Path) -> None:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        header = file.readline()
-    separator = next((own for own in (";", "\t") if own in header), None)
-    if separator is not None and "," not in header:
-        found = "tabs" if separator == "\t" else f"'{separator}'"
-        msg = (
-            f"{path}: its columns are separated by {found}, commas are expected (and a point as "
-            "decimal separator); export the table so again"
-        )
-        raise FormatError(msg)
-
-
-def _wrong_suffix(path: Path, suffix: str) -> str:
+def wrong_suffix(path: Path, suffix: str) -> str:
+    """Return what is said of a file name that ends otherwise than a table's."""
     return f"{path}: an observation table ends in .csv or .parquet, got '{suffix}'"

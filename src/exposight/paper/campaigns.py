@@ -314,7 +314,10 @@ def _observed(
     kept = KeptFiles(folder, *(sha256_of(path.read_bytes()) for path in documents), __version__)
     name = f"{campaign.name}.parquet"
     if kept.find(name) is None:
-        counted = _counted(campaign, progress)
-        observe_campaign(recording, progress=counted).write(kept.path(name))
+        stage = f"measuring {campaign.name}"
+        table = observe_campaign(
+            recording, progress=lambda _, done, total: progress(stage, done, total)
+        )
+        table.write(kept.path(name))
         kept.seal(name)
     return recording.sensor, read_observations(kept.path(name))

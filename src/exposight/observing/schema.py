@@ -1,0 +1,271 @@
+"""The columns of an observation table: what they are, and what is refused in them."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field, fields
+from difflib import SequenceMatcher
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+
+from exposight.errors import FormatError, ObservationError
+from exposight.observing.masks import Visibility
+from exposight.quantities import QUANTITIES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Observation:
+    """One feature in one capture: a row of the table.
+
+    Parameters
+    ----------
+    feature, view : str
+        Names.
+    exposure_ms : float, ms
+        Exposure time (the paper's t_exp).
+    p_norm : float or None
+        Share of the ring's pixels that gave a 3D point (Eq. 5); None where not measured.
+    i_avg : float or None
+        Mean grey value of the ring, 0–255.
+    x_mm, y_mm, z_mm : float, mm
+        Position in the TCP frame.
+    w_deg, p_deg, r_deg : float, degrees
+        Orientation in the TCP frame.
+    radius_mm : float, mm
+        The feature's radius.
+    n_points, n_pixels : int or None
+        Points in the hollow cylinder (Eq. 4) and pixels of its ring (Eq. 6).
+    i_std, i_median, i_p05, i_p95 : float or None
+        Spread of the ring's grey values, 0–255.
+    clipped_share : float or None
+        Share of the ring's pixels at full scale, 0–1.
+    incidence_deg : float, degrees
+        Angle between the camera's ray and the feature's normal.
+    visibility : str
+        "visible", or the reason why the feature was not measured (`Visibility`).
+    emulated : bool
+        True where the exposure was emulated from another one.
+    extra : mapping of str to number, text or truth value
+        Further columns by name, with their units in their names.
+    """
+
+    feature: str
+    view: str
+    exposure_ms: float
+    p_norm: float | None
+    i_avg: float | None
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    w_deg: float
+    p_deg: float
+    r_deg: float
+    radius_mm: float
+    n_points: int | None = None
+    n_pixels: int | None = None
+    i_std: float | None = None
+    i_median: float | None = None
+    i_p05: float | None = None
+    i_p95: float | None = None
+    clipped_share: float | None = None
+    incidence_deg: float = math.nan
+    visibility: str = Visibility.VISIBLE.value
+    emulated: bool = False
+    extra: Mapping[str, float | str | bool | None] = field(default_factory=dict)
+
+
+_TYPES: dict[str, type[pl.DataType]] = {
+    "str": pl.String,
+    "float": pl.Float64,
+    "float | None": pl.Float64,
+    "int | None": pl.Int64,
+    "bool": pl.Boolean,
+}
+SCHEMA = pl.Schema(
+    {each.name: _TYPES[str(each.type)] for each in fields(Observation) if each.name != "extra"}
+)
+"""Names and types of the known columns of an observation table."""
+
+REQUIRED = tuple(SCHEMA)[: tuple(SCHEMA).index("radius_mm") + 1]
+"""Columns that every table has; the other known ones may be left out of files."""
+
+_MAY_BE_EMPTY = ("p_norm", "i_avg")
+"""Required columns without a value where a feature was not measured."""
+
+_P_NORM_MAX = 10.0
+"""A cloud denser than the image gives more than 1, but ten points a pixel are percent mistaken."""
+
+
+def check_names(
+    names: Iterable[str], *, present: Sequence[str], required: Sequence[str] = ()
+) -> None:
+    """Check that required columns are there, and no unknown one is a known one misspelt."""
+    check_columns_present(present, required)
+    absent = [name for name in SCHEMA if name not in present]
+    for name in names:
+        if name in SCHEMA:
+            continue
+        meant = _misspelt(name, absent)
+        if meant:
+            msg = f"unknown column {name!r}; did you mean {meant!r}?"
+            raise FormatError(msg)
+
+
+def check_columns_present(present: Sequence[str], required: Sequence[str]) -> None:
+    """Check that required columns are there; say what may have been meant by others.
+
+    Raises
+    ------
+    FormatError
+        If one is missing.
+    """
+    missing = [name for name in required if name not in present]
+    if not missing:
+        return
+    if {"name", "kind", "radius_mm"} <= set(present):
+        msg = (
+            "a list of a part's features, not observations of them; `exposight observe` makes a "
+            "table of observations from a campaign"
+        )
+        raise FormatError(msg)
+    unknown = [name for name in present if name not in SCHEMA]
+    for name in missing:
+        other = next((column for column in unknown if _other_unit(column, name)), None)
+        if other:
+            msg = (
+                f"column '{other}' has another unit or none: expected '{name}'; convert the values "
+                "and rename the column"
+            )
+            raise FormatError(msg)
+        meant = _misspelt(name, unknown)
+        if meant:
+            msg = f"unknown column {meant!r}; did you mean {name!r}?"
+            raise FormatError(msg)
+    msg = f"missing columns {', '.join(missing)}; found {', '.join(present)}"
+    raise FormatError(msg)
+
+
+_UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
+
+
+def _other_unit(column: str, name: str) -> bool:
+    """Tell whether a column is a known one in another unit, or without one."""
+    suffix = next((end for end in _UNIT_SUFFIXES if name.endswith(end)), None)
+    stem = name.removesuffix(suffix) if suffix else None
+    return stem is not None and (column == stem or column.startswith(f"{stem}_"))
+
+
+def _misspelt(name: str, others: Sequence[str]) -> str | None:
+    """Return the column that a name seems to be a slip of, but for underscores and capitals.
+
+    Other digits are another column: ``i_p25`` is not ``i_p05``.
+    """
+    plain, digits = _plain(name), re.sub(r"\D", "", name)
+    for other in others:
+        ratio = SequenceMatcher(None, plain, _plain(other)).ratio()
+        if digits == re.sub(r"\D", "", other) and ratio >= _SLIP:
+            return other
+    return None
+
+
+_SLIP = 0.85
+"""Likeness of a slip: one letter of seven. ``i_mean`` and ``i_median`` are less alike."""
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]", "", name.lower())
+
+
+def check_further_columns(frame: pl.DataFrame) -> None:
+    """Check that columns beyond the known ones hold numbers, texts or truth values."""
+    for name, dtype in tuple(frame.schema.items())[len(SCHEMA) :]:
+        if not (dtype.is_numeric() or dtype in (pl.String, pl.Boolean, pl.Null)):
+            msg = f"column {name!r} must hold numbers, texts or truth values, got {dtype}"
+            raise ObservationError(msg)
+
+
+def cast_known(frame: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
+    """Give columns the types that they must have, or name the first value that has another."""
+    try:
+        return frame.select(pl.col(name).cast(SCHEMA[name]) for name in names)
+    except pl.exceptions.PolarsError as error:
+        msg = f"a column has values of the wrong type: {str(error).splitlines()[0]}"
+        for name in names:
+            if frame.schema[name] == pl.String and SCHEMA[name].is_numeric():
+                numbers = frame[name].cast(SCHEMA[name], strict=False)
+                wrong = frame[name].is_not_null() & numbers.is_null()
+                if wrong.any():
+                    row = int(np.flatnonzero(wrong.to_numpy())[0])
+                    value = frame[name][row]
+                    msg = (
+                        f"values of the wrong type: column '{name}' needs numbers, row {row + 1} "
+                        f"after the header has '{value}'"
+                    )
+                    if "," in value:
+                        msg += "; write a point as decimal separator"
+                    break
+        raise FormatError(msg) from error
+
+
+def missing_column(name: str) -> pl.Expr:
+    """Return what stands in a known column that a table leaves out."""
+    if name == "visibility":
+        return pl.lit(Visibility.VISIBLE.value).alias(name)
+    if name == "emulated":
+        return pl.lit(False).alias(name)
+    if name == "incidence_deg":
+        return pl.lit(np.nan).alias(name)
+    return pl.lit(None, dtype=SCHEMA[name]).alias(name)
+
+
+def check_whole_numbers(frame: pl.DataFrame) -> None:
+    """Refuse fractions in columns of whole numbers: casting would cut them off unseen."""
+    for name, dtype in SCHEMA.items():
+        if dtype.is_integer() and frame.schema[name].is_float():
+            _refuse(frame[name], frame[name] != frame[name].floor(), "whole numbers")
+
+
+def check_values(frame: pl.DataFrame) -> None:
+    """Check that values are there where they must be, and within what they can be."""
+    for name in (*REQUIRED, "visibility", "emulated"):
+        if name not in _MAY_BE_EMPTY:
+            _refuse(frame[name], frame[name].is_null(), "a value in every row")
+    for name, dtype in SCHEMA.items():
+        column, scale = frame[name], QUANTITIES.get(name)
+        if dtype.is_float() and name != "incidence_deg":  # NaN where the table has none
+            _refuse(column, ~column.is_finite(), "finite numbers")
+        if scale is not None and scale.unit.startswith("grey") and name != "i_std":
+            on_scale = column.is_between(scale.low or 0.0, scale.high or 255.0)
+            _refuse(column, ~on_scale, "grey levels 0–255")
+    _refuse(frame["exposure_ms"], frame["exposure_ms"] <= 0, "values above 0")
+    _refuse(frame["radius_mm"], frame["radius_mm"] < 0, "values of at least 0")
+    _refuse(
+        frame["p_norm"],
+        ~frame["p_norm"].is_between(0, _P_NORM_MAX),
+        "a share, 0–1, of the ring's pixels (divide percent by 100)",
+    )
+    unlit = frame["p_norm"].is_not_null() & frame["i_avg"].is_null()
+    _refuse(frame["i_avg"], unlit, "a value in every row that has a p_norm")
+    reasons = [reason.value for reason in Visibility]
+    unknown = ~frame["visibility"].is_in(reasons)
+    _refuse(frame["visibility"], unknown, f"one of {', '.join(map(repr, reasons))}")
+
+
+def _refuse(column: pl.Series, bad: pl.Series, expected: str) -> None:
+    """Refuse a column where `bad` is true; where it is null, there is no value to judge."""
+    rows = np.flatnonzero(bad.fill_null(value=False).to_numpy())
+    if rows.size == 0:
+        return
+    value = column[int(rows[0])]
+    msg = (
+        f"column '{column.name}' needs {expected}; row {rows[0] + 1} after the header "
+        f"{'is empty' if value is None else f'has {value}'} ({rows.size} of {len(column)} "
+        f"row{'' if len(column) == 1 else 's'} {'is' if rows.size == 1 else 'are'} wrong)"
+    )
+    raise ObservationError(msg)
