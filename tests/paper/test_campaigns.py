@@ -182,7 +182,7 @@ def test_a_campaign_without_a_measured_row_is_refused(
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "inside.csv").write_text("not,a,table\n1,2,3\n")
-    with pytest.raises(FormatError, match=r"inside\.csv: wrong header"):
+    with pytest.raises(FormatError, match=r"inside\.csv: missing columns"):
         collect(INSIDE, tmp_path, StudySettings(campaigns=tmp_path), ignore_progress)
 
 
