@@ -11,7 +11,7 @@ import json
 import math
 import re
 import weakref
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Protocol
 
@@ -423,11 +423,8 @@ def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part:
 
 
 def _outline(part: Part) -> list[object]:
-    features = [
-        [f.name, f.kind, astuple(f.size), f.part_from_feature.to_matrix().tolist()]
-        for f in part.features
-    ]
-    return [part.name, features]
+    sizes = [[f.name, f.kind, f.radius_mm, f.length_mm, f.width_mm] for f in part.features]
+    return [part.name, sizes, [f.part_from_feature.to_matrix().tolist() for f in part.features]]
 
 
 def _alike(one: object, other: object) -> bool:

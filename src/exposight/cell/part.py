@@ -1,8 +1,8 @@
 """Features, the region of the surface that each kind is measured by, and the part that has them.
 
-This is the one place that a new kind needs: write a rule that checks a feature's sizes and gives
-its region as a hollow cylinder in the feature's frame, add it to `RULES`, and its name to
-`FeatureKind`. Files, masks, observations and models then take it as they are.
+To add a kind of feature, write a `KindRule` that checks a feature's sizes and gives its region as a
+hollow cylinder in the feature's frame, add it to `RULES`, and its name to `FeatureKind`. Files,
+masks, observations and models then handle it without further changes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
 SPHERE_CAP_DEG = 45.0
 """Half angle of the cap that a sphere is measured by.
 
-A convention of ours: beyond it the surface turns too far away from a sensor that faces the feature.
+A convention of this library: beyond it the surface turns too far away from a sensor that faces the
+feature.
 """
 
 
@@ -71,157 +72,6 @@ PAPER_TOLERANCE = RingTolerance()
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeatureSize:
-    """A feature's sizes in mm; length and width are None for kinds that have none."""
-
-    radius_mm: float
-    length_mm: float | None = None
-    width_mm: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class KindRule:
-    """What a kind of feature is.
-
-    Parameters
-    ----------
-    meaning : str
-        What its sizes mean, for people.
-    has_length : bool
-        Whether it has a length along its x axis and a width along its y axis.
-    smallest_radius_mm : float or None, mm
-        The radius must be at least this; None where it must be above 0.
-    fault : callable
-        Says what is wrong with sizes that are finite and not negative; empty where nothing is.
-    region : callable
-        The measured region, in the feature's frame.
-    """
-
-    meaning: str
-    has_length: bool
-    smallest_radius_mm: float | None
-    fault: Callable[[FeatureSize], str]
-    region: Callable[[FeatureSize, RingTolerance], HollowCylinder]
-
-
-def _length_and_width(size: FeatureSize) -> tuple[float, float]:
-    if size.length_mm is None or size.width_mm is None:
-        msg = "this kind of feature needs length_mm and width_mm"
-        raise FeatureError(msg)
-    return size.length_mm, size.width_mm
-
-
-def _no_fault(_size: FeatureSize) -> str:
-    return ""
-
-
-def _ring(
-    radius_mm: float, tolerance: RingTolerance, core_half_size_mm: tuple[float, float] = (0.0, 0.0)
-) -> HollowCylinder:
-    return HollowCylinder(
-        inner_mm=radius_mm + tolerance.inner_mm,
-        outer_mm=radius_mm + tolerance.outer_mm,
-        height_mm=tolerance.height_mm,
-        core_half_size_mm=core_half_size_mm,
-    )
-
-
-def _hole_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
-    return _ring(size.radius_mm, tolerance)
-
-
-def _slot_fault(size: FeatureSize) -> str:
-    length, width = _length_and_width(size)
-    if length < width:
-        return f"a slot's length_mm must be at least its width_mm {width:g}, got {length:g}"
-    if not math.isclose(2 * size.radius_mm, width, rel_tol=1e-6):
-        return f"a slot's radius_mm is half its width_mm, {width / 2:g}, got {size.radius_mm:g}"
-    return ""
-
-
-def _slot_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
-    length, width = _length_and_width(size)
-    return _ring(width / 2, tolerance, ((length - width) / 2, 0.0))
-
-
-def _pocket_fault(size: FeatureSize) -> str:
-    length, width = _length_and_width(size)
-    if 2 * size.radius_mm > min(length, width):
-        return (
-            f"a pocket's radius_mm is that of its corners, at most {min(length, width) / 2:g} for "
-            f"{length:g} × {width:g} mm, got {size.radius_mm:g}"
-        )
-    return ""
-
-
-def _pocket_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
-    length, width = _length_and_width(size)
-    core = (length / 2 - size.radius_mm, width / 2 - size.radius_mm)
-    return _ring(size.radius_mm, tolerance, core)
-
-
-def _surface_point_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
-    return HollowCylinder(inner_mm=0.0, outer_mm=size.radius_mm, height_mm=tolerance.height_mm)
-
-
-def _sphere_region(size: FeatureSize, tolerance: RingTolerance) -> HollowCylinder:
-    # A sphere's area is spread evenly along its axis (Archimedes), so the cap's mean height is
-    # halfway between its pole and its rim. z points into the material: the pole is at −radius.
-    cos_rim = math.cos(math.radians(SPHERE_CAP_DEG))
-    return HollowCylinder(
-        inner_mm=0.0,
-        outer_mm=size.radius_mm * math.sin(math.radians(SPHERE_CAP_DEG)),
-        height_mm=size.radius_mm * (1 - cos_rim) + tolerance.height_mm,
-        plane_z_mm=-size.radius_mm * (1 + cos_rim) / 2,
-    )
-
-
-RULES: Mapping[FeatureKind, KindRule] = MappingProxyType(
-    {
-        "hole": KindRule(
-            meaning="round hole of radius_mm; measured by the ring around it (Eq. 4)",
-            has_length=False,
-            smallest_radius_mm=None,
-            fault=_no_fault,
-            region=_hole_region,
-        ),
-        "slot": KindRule(
-            meaning="long hole with round ends, length_mm overall by width_mm = 2 radius_mm; "
-            "measured by the stadium around it",
-            has_length=True,
-            smallest_radius_mm=None,
-            fault=_slot_fault,
-            region=_slot_region,
-        ),
-        "pocket": KindRule(
-            meaning="rectangular opening, length_mm by width_mm, corners of radius_mm (0 = sharp); "
-            "measured by the rounded frame around it",
-            has_length=True,
-            smallest_radius_mm=0.0,
-            fault=_pocket_fault,
-            region=_pocket_region,
-        ),
-        "sphere": KindRule(
-            meaning="sphere of radius_mm about the feature's origin; measured by its cap up to "
-            "45° from the normal",
-            has_length=False,
-            smallest_radius_mm=None,
-            fault=_no_fault,
-            region=_sphere_region,
-        ),
-        "surface_point": KindRule(
-            meaning="point on a closed surface; measured by the disc of radius_mm around it",
-            has_length=False,
-            smallest_radius_mm=None,
-            fault=_no_fault,
-            region=_surface_point_region,
-        ),
-    }
-)
-"""What each kind of feature is; its keys are the values of `FeatureKind`."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Feature:
     """A place on a part that shall be measured.
 
@@ -230,7 +80,7 @@ class Feature:
     name : str
         Unique on its part.
     kind : {'hole', 'slot', 'pocket', 'sphere', 'surface_point'}
-        What it is; `exposight.cell.RULES` says what each kind's sizes mean.
+        What it is; the sizes of each kind are explained in ``docs/formats.md``.
     part_from_feature : RigidTransform
         Where it is on the part: origin at its centre on the surface (of a sphere: at its centre),
         z along the surface normal into the material, x along the length of a slot or pocket.
@@ -282,14 +132,7 @@ class Feature:
                 return f"a {self.kind} has no {column}, got {value:g}; leave it empty"
             if rule.has_length and (value is None or not math.isfinite(value) or value <= 0):
                 return f"a {self.kind} needs a {column} above 0 mm, got {value}"
-        return rule.fault(self.size)
-
-    @property
-    def size(self) -> FeatureSize:
-        """The feature's sizes in mm."""
-        return FeatureSize(
-            radius_mm=self.radius_mm, length_mm=self.length_mm, width_mm=self.width_mm
-        )
+        return rule.fault(self)
 
     def measured_region(self, tolerance: RingTolerance = PAPER_TOLERANCE) -> HollowCylinder:
         """Return the region whose points and pixels are counted, in the feature's frame (Eq. 4).
@@ -299,7 +142,7 @@ class Feature:
         tolerance : RingTolerance
             How far the region reaches beyond the feature; default is the paper's.
         """
-        return RULES[self.kind].region(self.size, tolerance)
+        return RULES[self.kind].region(self, tolerance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,3 +211,107 @@ def check_unique_names(features: tuple[Feature, ...]) -> None:
             )
             raise FeatureError(msg)
         first_at[feature.name] = position
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindRule:
+    """How a kind of feature is checked and measured.
+
+    Parameters
+    ----------
+    region : callable
+        Returns the measured region in the feature's frame.
+    has_length : bool
+        Whether it has a length along its x axis and a width along its y axis.
+    smallest_radius_mm : float or None, mm
+        The radius must be at least this; None where it must be above 0.
+    fault : callable
+        Says what is wrong with sizes that are finite and positive; empty where nothing is.
+    """
+
+    region: Callable[[Feature, RingTolerance], HollowCylinder]
+    has_length: bool = False
+    smallest_radius_mm: float | None = None
+    fault: Callable[[Feature], str] = lambda _: ""
+
+
+def _length_and_width(feature: Feature) -> tuple[float, float]:
+    if feature.length_mm is None or feature.width_mm is None:
+        msg = f"a {feature.kind} needs length_mm and width_mm"
+        raise FeatureError(msg)
+    return feature.length_mm, feature.width_mm
+
+
+def _ring(
+    radius_mm: float, tolerance: RingTolerance, core_half_size_mm: tuple[float, float] = (0.0, 0.0)
+) -> HollowCylinder:
+    return HollowCylinder(
+        inner_mm=radius_mm + tolerance.inner_mm,
+        outer_mm=radius_mm + tolerance.outer_mm,
+        height_mm=tolerance.height_mm,
+        core_half_size_mm=core_half_size_mm,
+    )
+
+
+def _hole_region(hole: Feature, tolerance: RingTolerance) -> HollowCylinder:
+    return _ring(hole.radius_mm, tolerance)
+
+
+def _slot_fault(slot: Feature) -> str:
+    length, width = _length_and_width(slot)
+    if length < width:
+        return f"a slot's length_mm must be at least its width_mm {width:g}, got {length:g}"
+    if not math.isclose(2 * slot.radius_mm, width, rel_tol=1e-6):
+        return f"a slot's radius_mm is half its width_mm, {width / 2:g}, got {slot.radius_mm:g}"
+    return ""
+
+
+def _slot_region(slot: Feature, tolerance: RingTolerance) -> HollowCylinder:
+    length, width = _length_and_width(slot)
+    return _ring(width / 2, tolerance, ((length - width) / 2, 0.0))
+
+
+def _pocket_fault(pocket: Feature) -> str:
+    length, width = _length_and_width(pocket)
+    if 2 * pocket.radius_mm > min(length, width):
+        return (
+            f"a pocket's radius_mm is that of its corners, at most {min(length, width) / 2:g} for "
+            f"{length:g} × {width:g} mm, got {pocket.radius_mm:g}"
+        )
+    return ""
+
+
+def _pocket_region(pocket: Feature, tolerance: RingTolerance) -> HollowCylinder:
+    length, width = _length_and_width(pocket)
+    core = (length / 2 - pocket.radius_mm, width / 2 - pocket.radius_mm)
+    return _ring(pocket.radius_mm, tolerance, core)
+
+
+def _surface_point_region(point: Feature, tolerance: RingTolerance) -> HollowCylinder:
+    return HollowCylinder(inner_mm=0.0, outer_mm=point.radius_mm, height_mm=tolerance.height_mm)
+
+
+def _sphere_region(sphere: Feature, tolerance: RingTolerance) -> HollowCylinder:
+    # A sphere's area is spread evenly along its axis (Archimedes), so the cap's mean height is
+    # halfway between its pole and its rim. z points into the material: the pole is at −radius.
+    cos_rim = math.cos(math.radians(SPHERE_CAP_DEG))
+    return HollowCylinder(
+        inner_mm=0.0,
+        outer_mm=sphere.radius_mm * math.sin(math.radians(SPHERE_CAP_DEG)),
+        height_mm=sphere.radius_mm * (1 - cos_rim) + tolerance.height_mm,
+        plane_z_mm=-sphere.radius_mm * (1 + cos_rim) / 2,
+    )
+
+
+RULES: Mapping[FeatureKind, KindRule] = MappingProxyType(
+    {
+        "hole": KindRule(region=_hole_region),
+        "slot": KindRule(region=_slot_region, has_length=True, fault=_slot_fault),
+        "pocket": KindRule(
+            region=_pocket_region, has_length=True, fault=_pocket_fault, smallest_radius_mm=0.0
+        ),
+        "sphere": KindRule(region=_sphere_region),
+        "surface_point": KindRule(region=_surface_point_region),
+    }
+)
+"""What each kind of feature is (sizes in ``docs/formats.md``, "Features")."""

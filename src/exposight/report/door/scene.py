@@ -82,7 +82,7 @@ def ring_mesh(
     for index, view in enumerate(views):
         part_from_feature = part_from_camera @ view.camera_from_feature
         for beyond_mm in _BAND_MM:
-            local = circle * (view.feature.size.radius_mm + beyond_mm)
+            local = circle * (view.feature.radius_mm + beyond_mm)
             local[:, 2] = -_LIFT_MM  # a feature's z looks into the material
             points.append(part_from_feature.apply(local))
         faces.append(quads + index * 2 * _CORNERS)
@@ -177,7 +177,7 @@ def _add_names(drawing: go.Figure, result: DoorResult) -> None:
                 name=own.feature.name,
                 x_mm=x,
                 y_mm=y,
-                radius_mm=own.feature.size.radius_mm + _BAND_MM[1],
+                radius_mm=own.feature.radius_mm + _BAND_MM[1],
             )
             for own, (x, y, _) in zip(view.views, centres, strict=True)
         ]
@@ -203,7 +203,7 @@ def _add_names(drawing: go.Figure, result: DoorResult) -> None:
 def _hints(result: DoorResult, view: NewView, index: int) -> list[str]:
     taken = view.taken
     return [
-        f"{feature_title(result, own.feature.name)}, radius {number(own.feature.size.radius_mm)} mm"
+        f"{feature_title(result, own.feature.name)}, radius {number(own.feature.radius_mm)} mm"
         f"<br>{exposure_title(view, index)}"
         f"<br>predicted p<sub>norm</sub> {fixed(taken.p_norm[i, index], 3)} ± "
         f"{fixed(2 * taken.p_norm_std[i, index], 2)} (2σ)"

@@ -174,7 +174,7 @@ def forecast_table(result: DoorResult) -> str:
 def _row(result: DoorResult, i: int) -> list[str]:
     view, taken = result.new_view, result.new_view.taken
     seen = view.views[i]
-    radius_mm = seen.feature.size.radius_mm
+    radius_mm = seen.feature.radius_mm
     cells = [
         escape(seen.feature.name),
         "yes" if seen.feature.name in result.train_features else "no",

@@ -175,7 +175,7 @@ def _open_fault(faces: NDArray[np.int32], n_vertices: int) -> str:
 
 def _check_on_mesh(scene: Scene, feature: Feature) -> None:
     origin = feature.part_from_feature.translation_mm
-    size = feature.size
+    size = feature
     across = max(size.radius_mm, (size.length_mm or 0.0) / 2, (size.width_mm or 0.0) / 2)
     reach = across + _REACH_MM
     offset = scene.vertices - origin
