@@ -60,3 +60,10 @@ def test_words_are_told_from_numbers(table):
 def test_csv_has_every_digit_of_what_is_shown(table):
     first = table.csv().decode().splitlines()[:2]
     assert first == ["model,rmse,n,right", "q_k4,0.151,1475,true"]
+
+
+def test_a_table_prints_aligned_and_escapes_what_a_page_shows(table):
+    head, first, _ = str(table).splitlines()
+    assert head == "model     rmse      n  right"
+    assert first == "q_k4    15.1 %  1 475  yes"
+    assert Table.of("t", [{"a": "<b>"}], (Column(name="a"),))._repr_html_().count("&lt;b&gt;") == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -149,3 +150,23 @@ class Table:
     def csv(self) -> bytes:
         """Return the shown columns as a CSV file, with all digits."""
         return self.frame.select([column.name for column in self.columns]).write_csv().encode()
+
+    def __str__(self) -> str:
+        rows = [tuple(column.label or column.name for column in self.columns), *self.cells()]
+        widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+        left = [self.is_text(column) for column in self.columns]
+        return "\n".join(
+            "  ".join(
+                cell.ljust(width) if is_left else cell.rjust(width)
+                for cell, width, is_left in zip(cells, widths, left, strict=True)
+            ).rstrip()
+            for cells in rows
+        )
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{html.escape(each.label or each.name)}</th>" for each in self.columns)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
+            for cells in self.cells()
+        )
+        return f"<table><tr>{head}</tr>{body}</table>"

@@ -30,7 +30,7 @@ from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import CloudAgreement, DecodingCounts
 from exposight.models import evaluate, model_named, train
 from exposight.observing import observe_campaign, view_features
-from exposight.planning import forecast_view
+from exposight.planning import forecast
 from exposight.report.door import door_report
 from exposight.report.skull import skull_report
 from exposight.statistics import score
@@ -153,12 +153,12 @@ def door_result(result):
     results += (_model_result("e_k6", result.table, unseen, result.sensor),)
     models = {own.model.name: own.model for own in results}
     both = models["q_k4"], models["e_k6"]
-    taken = forecast_view(*both, result.views, _EXPOSURES_MS)
+    taken = forecast(*both, result.views, _EXPOSURES_MS)
     measured = result.table.array(["i_avg", "p_norm"]).reshape(3, 4, 2).transpose(2, 1, 0)
     view = NewView(
         position_mm=(40.0, 0.0, 70.0),
         views=result.views,
-        choice=forecast_view(*both, result.views, (2.0, 5.0, 10.0, 20.0)),
+        choice=forecast(*both, result.views, (2.0, 5.0, 10.0, 20.0)),
         chosen_ms=_EXPOSURES_MS[1],
         taken=taken,
         captures=result.sweep,

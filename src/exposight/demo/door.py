@@ -20,7 +20,7 @@ from exposight.demo.training import Lesson, Progress, make_folder, silent, train
 from exposight.errors import InputError
 from exposight.models import ModelSpecification, model_named
 from exposight.observing import FeatureView, Visibility, observe_campaign, view_features
-from exposight.planning import Forecast, forecast_view
+from exposight.planning import Forecast, forecast
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan, logarithmic_exposures, views
 from exposight.statistics import RegressionScore, score
 from exposight.twin.campaign import CellSettings, scene_at, simulate
@@ -240,10 +240,10 @@ def _new_view(
     (planned,) = views(plan, part, sensor)
     seen = _visible(view_features(part, sensor, planned.reported_camera_from_part))
     weighed = logarithmic_exposures(*exposure.target_range, _CHOICES, sensor)
-    choice = forecast_view(quality, exposure, seen, sorted(set(weighed)))  # rounding doubles some
+    choice = forecast(quality, exposure, seen, sorted(set(weighed)))  # rounding doubles some
     chosen_ms = choice.best_exposure_ms()
     exposures_ms = _bracket(chosen_ms, sensor)
-    foretold = forecast_view(quality, exposure, seen, exposures_ms)
+    foretold = forecast(quality, exposure, seen, exposures_ms)
     tell("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
     taken = _simulate(plan, folder, CellSettings(), "taking the new view", tell)

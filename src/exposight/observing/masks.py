@@ -7,16 +7,20 @@ depends on where the sensor stands and not on the exposure, so it is computed on
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from exposight.cell import PAPER_TOLERANCE
 from exposight.geometry import outlines_in_camera, pixel_boxes, ring_pixels
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from exposight.cell import ActiveSensor, Feature, Part, RingTolerance
@@ -82,6 +86,73 @@ class FeatureView:
     def n_pixels(self) -> int:
         """The paper's n_max,2D: pixels whose centre lies in the ring (Eq. 6)."""
         return int(self.rows.size)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """What a pose sees of a part.
+
+    Parameters
+    ----------
+    camera_from_part : RigidTransform
+        The pose.
+    features : tuple of FeatureView
+        Every feature of the part, also those that cannot be measured from here.
+    """
+
+    camera_from_part: RigidTransform
+    features: tuple[FeatureView, ...]
+
+    @property
+    def visible(self) -> tuple[FeatureView, ...]:
+        """The features that can be measured from here."""
+        return tuple(each for each in self.features if each.visibility is Visibility.VISIBLE)
+
+    def _repr_html_(self) -> str:
+        cells = "".join(
+            f"<tr><td>{html.escape(each.feature.name)}</td><td>{each.visibility.value}</td>"
+            f"<td>{each.n_pixels}</td><td>{each.incidence_deg:.1f}°</td></tr>"
+            for each in self.features
+        )
+        head = "<tr><th>feature</th><th></th><th>pixels</th><th>incidence</th></tr>"
+        return f"<table>{head}{cells}</table>"
+
+
+def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
+    """Return the columns of an observation table that features' poses alone decide.
+
+    Parameters
+    ----------
+    features : sequence of FeatureView
+        As a view sees them.
+
+    Returns
+    -------
+    polars.DataFrame
+        One row for each feature: ``feature``, position in mm and orientation in degrees in the TCP
+        frame, ``radius_mm``, ``n_pixels`` and ``incidence_deg``.
+    """
+    rows = [
+        (
+            each.feature.name,
+            *each.tcp_from_feature.translation_mm.tolist(),
+            each.w_deg,
+            each.p_deg,
+            each.r_deg,
+            each.feature.radius_mm,
+            each.n_pixels,
+            each.incidence_deg,
+        )
+        for each in features
+    ]
+    numbers = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg", "radius_mm")
+    schema = {
+        "feature": pl.String,
+        **dict.fromkeys(numbers, pl.Float64),
+        "n_pixels": pl.Int64,
+        "incidence_deg": pl.Float64,
+    }
+    return pl.DataFrame(rows, schema=schema, orient="row")
 
 
 def orientation_deg(

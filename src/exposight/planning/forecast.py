@@ -8,12 +8,19 @@ time is chosen for the view, and no pose is.
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
+from exposight.cell import GREY_MAX
 from exposight.errors import InputError
+from exposight.files.durable import write_durably
+from exposight.observing import View, pose_columns
+from exposight.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +33,8 @@ if TYPE_CHECKING:
 WANTED_I_AVG = 80.0
 """Grey level, on the plateau of the paper's Fig. 10, which reaches from about 30 to about 120."""
 
-_FULL_SCALE = 255.0
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
+_MIDDLE = len(_NODES) // 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +55,8 @@ class Forecast:
         Mean of the quality to expect.
     p_norm_std : (n, m) ndarray
         Its standard deviation, that of the brightness included.
+    inside : (n, m) ndarray of bool
+        Whether both models were trained on such inputs; elsewhere they extrapolate.
     """
 
     features: tuple[str, ...]
@@ -56,16 +65,76 @@ class Forecast:
     i_avg: NDArray[np.float64]
     p_norm: NDArray[np.float64]
     p_norm_std: NDArray[np.float64]
+    inside: NDArray[np.bool_]
+
+    @property
+    def p_norm_band(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean ± twice the standard deviation, within what p_norm can be; each (n, m)."""
+        scale = QUANTITIES["p_norm"]
+        low, high = self.p_norm - 2 * self.p_norm_std, self.p_norm + 2 * self.p_norm_std
+        return np.clip(low, scale.low, scale.high), np.clip(high, scale.low, scale.high)
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """One row for each feature and exposure time.
+
+        Columns ``feature``, ``exposure_ms``, ``i_avg``, ``p_norm``, ``p_norm_std``, ``p_norm_low``
+        and ``p_norm_high`` (± 2σ, within 0 to 1), ``inside``.
+        """
+        n, m = self.p_norm.shape
+        low, high = self.p_norm_band
+        return pl.DataFrame(
+            {
+                "feature": np.repeat(np.array(self.features, dtype=object), m).tolist(),
+                "exposure_ms": np.tile(self.exposures_ms, n),
+                "i_avg": self.i_avg.ravel(),
+                "p_norm": self.p_norm.ravel(),
+                "p_norm_std": self.p_norm_std.ravel(),
+                "p_norm_low": low.ravel(),
+                "p_norm_high": high.ravel(),
+                "inside": self.inside.ravel(),
+            }
+        )
 
     def best_exposure_ms(self) -> float:
         """Return the exposure time with the highest mean of p_norm over all features, in ms."""
         return self.exposures_ms[int(self.p_norm.mean(axis=0).argmax())]
 
+    def write(self, path: str | Path) -> None:
+        """Write `frame` as a CSV file, durably."""
+        write_durably(Path(path), self.frame.write_csv().encode())
 
-def forecast_view(
+    def __str__(self) -> str:
+        best = self.best_exposure_ms()
+        lines = [f"best exposure time for {len(self.features)} features: {best:g} ms"]
+        lines += [
+            f"{name}: {p_norm:.2f} ({low:.2f} … {high:.2f})" + ("" if inside else ", extrapolated")
+            for name, p_norm, low, high, inside in self._at(best)
+        ]
+        return "\n".join(lines)
+
+    def _at(self, exposure_ms: float) -> list[tuple[str, float, float, float, bool]]:
+        """Return name, p_norm, its band and whether it is inside, feature by feature."""
+        frame = self.frame.filter(pl.col("exposure_ms") == exposure_ms)
+        return frame.select("feature", "p_norm", "p_norm_low", "p_norm_high", "inside").rows()
+
+    def _repr_html_(self) -> str:
+        best = self.best_exposure_ms()
+        symbol = QUANTITIES["p_norm"].html
+        head = f"<tr><th>feature</th><th>{symbol} at {best:g} ms</th><th>± 2σ</th><th></th></tr>"
+        cells = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{p_norm:.2f}</td><td>{low:.2f} … {high:.2f}</td>"
+            f"<td>{'' if inside else 'extrapolated'}</td></tr>"
+            for name, p_norm, low, high, inside in self._at(best)
+        )
+        times = f"{min(self.exposures_ms):g} to {max(self.exposures_ms):g} ms"
+        return f"<p>Forecast over {times}; best {best:g} ms</p><table>{head}{cells}</table>"
+
+
+def forecast(
     quality: Predictor,
     exposure: Predictor,
-    views: Sequence[FeatureView],
+    view: View | Sequence[FeatureView],
     exposures_ms: Sequence[float],
 ) -> Forecast:
     """Predict the quality of features in a view at some exposure times.
@@ -76,11 +145,11 @@ def forecast_view(
     Parameters
     ----------
     quality : Predictor
-        Predicts p_norm from brightness and pose.
+        Predicts p_norm, from brightness or pose or both.
     exposure : Predictor
-        Predicts the exposure time in ms from brightness and pose.
-    views : sequence of FeatureView
-        The features that the view sees.
+        Predicts the exposure time in ms, from brightness and perhaps pose.
+    view : View or sequence of FeatureView
+        The features that the view sees; of a `View`, those that can be measured.
     exposures_ms : sequence of float, ms
         Exposure times to look at.
 
@@ -88,50 +157,42 @@ def forecast_view(
     ------
     InputError
         If there is no feature or no exposure time.
+    ObservationError
+        If a model reads what is only known of captures.
     """
-    if not views or not exposures_ms:
+    features = view.visible if isinstance(view, View) else tuple(view)
+    if not features or not exposures_ms:
         msg = (
             "a forecast needs at least one visible feature and one exposure time, got "
-            f"{len(views)} and {len(exposures_ms)}"
+            f"{len(features)} and {len(exposures_ms)}"
         )
         raise InputError(msg)
-    wanted = exposure.predict(**_columns(exposure, views, np.full((len(views), 1), WANTED_I_AVG)))
+    poses = pose_columns(features)
+    wanted = exposure.predict(poses.with_columns(i_avg=pl.lit(WANTED_I_AVG)))
     times_ms = np.asarray(exposures_ms, dtype=np.float64)
     shortest_ms = float(times_ms.min()) / 10  # the normal distribution knows no least time
     nodes_ms = np.maximum(wanted.mean[:, None] + wanted.std[:, None] * _NODES, shortest_ms)
     brightness = np.minimum(
-        WANTED_I_AVG * times_ms[:, None] / nodes_ms[:, None, :], _FULL_SCALE
+        WANTED_I_AVG * times_ms[:, None] / nodes_ms[:, None, :], GREY_MAX
     )  # (features, times, nodes)
     weights = _WEIGHTS / _WEIGHTS.sum()
-    flat = brightness.reshape(len(views), -1)
-    predicted = quality.predict(**_columns(quality, views, flat))
-    mean, std = (own.reshape(brightness.shape) for own in (predicted.mean, predicted.std))
+    repeated = poses[np.repeat(np.arange(len(features)), brightness[0].size)]
+    predicted = quality.predict(
+        repeated.with_columns(
+            i_avg=brightness.ravel(),
+            exposure_ms=np.broadcast_to(times_ms[:, None], brightness.shape).ravel(),
+        )
+    )
+    mean, std = (values.reshape(brightness.shape) for values in (predicted.mean, predicted.std))
+    inside = predicted.inside.reshape(brightness.shape)[:, :, _MIDDLE]
     p_norm = mean @ weights
     variance = (std**2 + mean**2) @ weights - p_norm**2
     return Forecast(
-        features=tuple(view.feature.name for view in views),
+        features=tuple(poses["feature"].to_list()),
         exposures_ms=tuple(times_ms.tolist()),
         wanted=wanted,
         i_avg=brightness @ weights,
         p_norm=p_norm,
         p_norm_std=np.sqrt(np.maximum(variance, 0.0)),
+        inside=inside & wanted.inside[:, None],
     )
-
-
-def _columns(
-    model: Predictor, views: Sequence[FeatureView], i_avg: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Return a model's inputs by name for n views at (n, k) brightnesses, view by view."""
-    poses = [view.tcp_from_feature.translation_mm.tolist() for view in views]
-    x_mm, y_mm, z_mm = np.array(poses).T
-    known = {
-        "x_mm": x_mm,
-        "y_mm": y_mm,
-        "z_mm": z_mm,
-        "w_deg": np.array([view.w_deg for view in views]),
-        "p_deg": np.array([view.p_deg for view in views]),
-    }
-    return {
-        name: i_avg.ravel() if name == "i_avg" else np.repeat(known[name], i_avg.shape[1])
-        for name in model.inputs
-    }

@@ -1,0 +1,306 @@
+"""A sensor's two models: how good a point cloud will be, and which exposure time that takes."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.errors import InputError, MissingFileError
+from exposight.models import (
+    MODEL_SUFFIX,
+    ModelSpecification,
+    evaluate,
+    load_model,
+    model_named,
+    save_model,
+    train_all,
+)
+from exposight.planning.forecast import Forecast, forecast
+from exposight.quantities import quantity
+from exposight.tables import Column, Table, counted
+from exposight.workers import Progress, ignore_progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from exposight.cell import ActiveSensor
+    from exposight.models import Evaluation, Predictor
+    from exposight.observing import FeatureView, ObservationTable, View
+
+DEFAULT_MODELS = ("q_k1", "e_k6")
+"""Of the paper's models, those that err least on features and views that they never saw: with more
+inputs than brightness the quality models learn what the stripes' phase did to i_avg at each place
+(``docs/the-paper.md``)."""
+
+_EXPOSURES = 60
+"""Exposure times of a forecast, unless they are given."""
+
+_SCORES = (
+    Column(name="model"),
+    Column(name="rows"),
+    Column(name="n"),
+    Column(name="r2_percent", label="R² %"),
+    Column(name="rmse", label="RMSE", digits=3, quantity="target"),
+    Column(name="mae", label="MAE", digits=3, quantity="target"),
+    Column(name="coverage_1sigma", label="±1σ %", digits=3, scale=100.0),
+    Column(name="coverage_2sigma", label="±2σ %", digits=3, scale=100.0),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelScores:
+    """How well models predict observations; prints as a table.
+
+    Parameters
+    ----------
+    evaluations : tuple of Evaluation
+        One for each model.
+    """
+
+    evaluations: tuple[Evaluation, ...]
+
+    @property
+    def table(self) -> Table:
+        """A row for each model and selection of rows: all, and those inside its training range."""
+        rows = [
+            {
+                "model": evaluation.model.name,
+                "target": evaluation.model.target,
+                "rows": selection,
+                "n": score.n,
+                "r2_percent": score.r2_percent,
+                "rmse": score.rmse,
+                "mae": score.mae,
+                "coverage_1sigma": score.coverage_1sigma,
+                "coverage_2sigma": score.coverage_2sigma,
+            }
+            for evaluation in self.evaluations
+            for selection, score in (
+                ("all", evaluation.score),
+                ("inside", evaluation.score_inside),
+            )
+            if score is not None
+        ]
+        return Table.of("scores", rows, _SCORES)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is odd about the observations."""
+        return tuple(remark for each in self.evaluations for remark in each.remarks)
+
+    def __str__(self) -> str:
+        return "\n".join((str(self.table), *self.remarks))
+
+    def _repr_html_(self) -> str:
+        return self.table._repr_html_()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorModels:
+    """A quality model and an exposure-time model of one sensor.
+
+    Parameters
+    ----------
+    quality : Predictor
+        Predicts p_norm.
+    exposure : Predictor
+        Predicts the exposure time in ms that yields a wanted brightness.
+
+    Raises
+    ------
+    InputError
+        If one of them predicts something else.
+    """
+
+    quality: Predictor
+    exposure: Predictor
+
+    def __post_init__(self) -> None:
+        for model, target in ((self.quality, "p_norm"), (self.exposure, "exposure_ms")):
+            if model.target != target:
+                msg = f"expected a model that predicts {target}, got {model.name} ({model.target})"
+                raise InputError(msg)
+
+    @property
+    def sensor(self) -> ActiveSensor | None:
+        """The sensor that they were trained on, where they know it."""
+        return self.exposure.sensor or self.quality.sensor
+
+    def evaluate(self, table: ObservationTable) -> ModelScores:
+        """Evaluate both models on held-out observations.
+
+        Raises
+        ------
+        ObservationError
+            If a model finds no row that it can be evaluated on.
+        """
+        return ModelScores(
+            evaluations=(evaluate(self.quality, table), evaluate(self.exposure, table))
+        )
+
+    def forecast(
+        self, view: View | Sequence[FeatureView], exposures_ms: Sequence[float] | None = None
+    ) -> Forecast:
+        """Predict the quality of the features that a view sees, over exposure time (`forecast`).
+
+        Parameters
+        ----------
+        view : View or sequence of FeatureView
+            What the sensor sees, such as `Campaign.view` returns.
+        exposures_ms : sequence of float, ms, optional
+            Exposure times to look at; settings of the sensor over the range that was trained on if
+            left out.
+
+        Raises
+        ------
+        InputError
+            If there is no visible feature or no exposure time.
+        """
+        times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
+        return forecast(self.quality, self.exposure, view, times_ms)
+
+    def _usual_exposures_ms(self) -> tuple[float, ...]:
+        limits = self.exposure.target_range
+        if limits is None:
+            msg = f"{self.exposure.name} does not know its training range: give exposures_ms"
+            raise InputError(msg)
+        if self.sensor is None:
+            return tuple(np.geomspace(*limits, _EXPOSURES).tolist())
+        possible = self.sensor.exposure
+        low, high = np.clip(limits, possible.min_ms, possible.max_ms)
+        times_ms = np.clip(np.geomspace(low, high, _EXPOSURES), low, high).tolist()
+        return tuple(dict.fromkeys(map(self.sensor.nearest_exposure, times_ms)))
+
+    def save(self, folder: str | Path) -> tuple[Path, Path]:
+        """Write both models into a folder, which is made if it is not there.
+
+        Returns
+        -------
+        quality, exposure : Path
+            The model files.
+
+        Raises
+        ------
+        FileError
+            If they cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = tuple(
+            folder / f"{model.name}{MODEL_SUFFIX}" for model in (self.quality, self.exposure)
+        )
+        for path, model in zip(paths, (self.quality, self.exposure), strict=True):
+            save_model(path, model)
+        return paths[0], paths[1]
+
+    @classmethod
+    def load(cls, folder: str | Path) -> SensorModels:
+        """Read the models of a folder that holds one for quality and one for exposure time.
+
+        Raises
+        ------
+        MissingFileError
+            If there is no model for one of them.
+        InputError
+            If there are several: load the wanted ones with `load_model`.
+        FileError
+            If a file cannot be read.
+        """
+        models = [load_model(path) for path in sorted(Path(folder).glob(f"*{MODEL_SUFFIX}"))]
+        wanted = []
+        for target in ("p_norm", "exposure_ms"):
+            fitting = [model for model in models if model.target == target]
+            if not fitting:
+                msg = f"{folder}: no model file that predicts {target}"
+                raise MissingFileError(msg)
+            if len(fitting) > 1:
+                names = ", ".join(model.name for model in fitting)
+                msg = (
+                    f"{folder}: several models predict {target} ({names}); load the wanted ones "
+                    "with load_model and pass them to SensorModels"
+                )
+                raise InputError(msg)
+            wanted.append(fitting[0])
+        return cls(quality=wanted[0], exposure=wanted[1])
+
+    def _facts(self) -> list[str]:
+        return [
+            f"{model.name}: {quantity(model.target).name} from {', '.join(model.inputs)}"
+            + ("" if model.n_observations is None else f", {counted(model.n_observations, 'row')}")
+            for model in (self.quality, self.exposure)
+        ]
+
+    def __str__(self) -> str:
+        return "\n".join(self._facts())
+
+    def _repr_html_(self) -> str:
+        return f"<ul>{''.join(f'<li>{html.escape(fact)}</li>' for fact in self._facts())}</ul>"
+
+
+def train_sensor_models(
+    table: ObservationTable,
+    *,
+    models: Sequence[str | ModelSpecification] = DEFAULT_MODELS,
+    seed: int = 1,
+    sensor: ActiveSensor | None = None,
+    restarts: int = 3,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress = ignore_progress,
+) -> SensorModels:
+    """Train a quality model and an exposure-time model on observations of one sensor.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Observations.
+    models : sequence of str or ModelSpecification
+        One that predicts p_norm and one that predicts the exposure time, in any order: names of
+        the paper's models, or one's own specifications.
+    seed : int
+        Random seed of the optimiser's restarts.
+    sensor : ActiveSensor, optional
+        The sensor of the observations; kept in the models.
+    restarts : int
+        Starts of the optimiser.
+    workers, cluster, progress
+        As for `exposight.models.run_trainings`. More than one worker needs
+        ``if __name__ == "__main__":`` around what a script does.
+
+    Returns
+    -------
+    SensorModels
+
+    Raises
+    ------
+    InputError
+        If a model is unknown, or there is not one for each of quality and exposure time.
+    ObservationError, NumericalError
+        As for `exposight.models.train`.
+    """
+    specifications = [model_named(each) if isinstance(each, str) else each for each in models]
+    targets = sorted(each.target for each in specifications)
+    if targets != ["exposure_ms", "p_norm"]:
+        msg = (
+            "expected one model that predicts p_norm and one that predicts exposure_ms, got "
+            f"{', '.join(f'{each.name} ({each.target})' for each in specifications) or 'none'}"
+        )
+        raise InputError(msg)
+    trained = {
+        model.target: model
+        for model in train_all(
+            specifications,
+            table,
+            seed=seed,
+            sensor=sensor,
+            restarts=restarts,
+            workers=workers,
+            cluster=cluster,
+            progress=progress,
+        )
+    }
+    return SensorModels(quality=trained["p_norm"], exposure=trained["exposure_ms"])

@@ -1,0 +1,107 @@
+"""A sensor's two models: trained, judged, kept and asked together."""
+
+import numpy as np
+import pytest
+
+from exposight.cell import Feature, Part, sensor_preset
+from exposight.errors import InputError, MissingFileError
+from exposight.geometry import RigidTransform
+from exposight.models import evaluate, model_named, save_model
+from exposight.observing import Observation, ObservationTable, view_features
+from exposight.planning import SensorModels, train_sensor_models
+
+SENSOR = sensor_preset("comet-pro-ae")
+
+
+def observations(n, seed):
+    """Brightness is 2 grey levels a ms, less far away; quality rises with it."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for i in range(n):
+        x_mm, y_mm, z_mm = rng.uniform(-100.0, 100.0, 3).tolist()
+        i_avg = float(rng.uniform(5.0, 200.0))
+        rows.append(
+            Observation(
+                feature=f"f{i % 7}",
+                view=f"v{i % 5}",
+                exposure_ms=i_avg / 2 * (1 + z_mm / 1000),
+                p_norm=float(1 - np.exp(-i_avg / 30)),
+                i_avg=i_avg,
+                x_mm=x_mm,
+                y_mm=y_mm,
+                z_mm=z_mm,
+                w_deg=float(rng.uniform(-9, 9)),
+                p_deg=float(rng.uniform(-9, 9)),
+                r_deg=0.0,
+                radius_mm=5.0,
+            )
+        )
+    return ObservationTable.from_observations(rows)
+
+
+@pytest.fixture(scope="module")
+def models():
+    table = observations(60, seed=1)
+    return train_sensor_models(table, sensor=SENSOR, models=("q_k1", "e_k2"), restarts=1)
+
+
+@pytest.fixture
+def views():
+    hole = Feature(name="f1", kind="hole", part_from_feature=RigidTransform(), radius_mm=5.0)
+    return view_features(Part(name="p", features=(hole,)), SENSOR, SENSOR.camera_from_tcp)
+
+
+def test_scores_are_those_of_each_model_and_print_as_a_table(models):
+    unseen = observations(40, seed=2)
+    scores = models.evaluate(unseen)
+    assert [each.model.name for each in scores.evaluations] == ["q_k1", "e_k2"]
+    assert scores.evaluations[0].score == evaluate(models.quality, unseen).score
+    frame = scores.table.frame
+    assert frame["model"].to_list() == ["q_k1", "q_k1", "e_k2", "e_k2"]
+    assert frame["rows"].to_list() == ["all", "inside"] * 2
+    head, *lines = str(scores).splitlines()
+    assert head.split()[:3] == ["model", "rows", "n"]
+    assert len(lines) == 4
+    assert "<table>" in scores._repr_html_()
+
+
+def test_exposure_times_in_another_unit_are_noticed(models):
+    table = observations(40, seed=2)
+    seconds = ObservationTable(frame=table.frame.with_columns(table.frame["exposure_ms"] / 1000))
+    assert "they seem to be in s" in str(models.evaluate(seconds))
+
+
+def test_a_forecast_looks_at_settings_of_the_sensor(models, views):
+    forecast = models.forecast(views)
+    low, high = models.exposure.target_range
+    assert len(set(forecast.exposures_ms)) == len(forecast.exposures_ms) > 10
+    assert forecast.exposures_ms[0] == pytest.approx(max(low, SENSOR.exposure.min_ms), abs=1.0)
+    assert forecast.exposures_ms[-1] == pytest.approx(high, abs=1.0)
+    assert all(SENSOR.nearest_exposure(each) == each for each in forecast.exposures_ms)
+    assert forecast.p_norm[0, -1] > forecast.p_norm[0, 0]
+    assert models.forecast(views, [10.0]).exposures_ms == (10.0,)
+
+
+def test_models_are_kept_and_come_back(models, views, tmp_path):
+    paths = models.save(tmp_path / "models")
+    assert [path.name for path in paths] == ["q_k1.exposight-model", "e_k2.exposight-model"]
+    again = SensorModels.load(tmp_path / "models")
+    np.testing.assert_array_equal(again.forecast(views).p_norm, models.forecast(views).p_norm)
+    assert str(again) == str(models)
+    assert "q_k1: point-cloud quality from i_avg, 60 rows" in str(models)
+
+
+def test_a_folder_without_a_model_or_with_too_many(models, tmp_path):
+    with pytest.raises(MissingFileError, match="no model file that predicts p_norm"):
+        SensorModels.load(tmp_path)
+    models.save(tmp_path)
+    save_model(tmp_path / "other.exposight-model", models.quality)
+    with pytest.raises(InputError, match="several models predict p_norm"):
+        SensorModels.load(tmp_path)
+
+
+def test_models_of_the_wrong_targets_are_refused(models):
+    with pytest.raises(InputError, match="expected a model that predicts p_norm, got e_k2"):
+        SensorModels(quality=models.exposure, exposure=models.quality)
+    with pytest.raises(InputError, match="one model that predicts p_norm and one"):
+        train_sensor_models(observations(20, seed=1), models=("q_k1", model_named("q_k2")))
