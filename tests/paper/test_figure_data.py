@@ -13,7 +13,8 @@ from exposight.paper.observed_curves import (
     nearest_row,
     observed_curves,
 )
-from exposight.paper.predictions import best_and_worst, capture_forecast, prediction_surfaces
+from exposight.paper.prediction_surfaces import prediction_surfaces
+from exposight.paper.predictions import best_and_worst, capture_forecast
 
 
 def row(feature, view, exposure_ms, *, i_avg=None, p_norm=0.9, place=(0.0, 0.0, 0.0), radius=8.0):

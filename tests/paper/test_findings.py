@@ -32,7 +32,7 @@ from exposight.paper.findings import (
     paper_figure,
     statements,
 )
-from exposight.paper.tables import published_scores
+from exposight.paper.study_tables import published_scores
 from exposight.paper.variants import VARIANTS
 from exposight.statistics import RegressionScore, score
 
@@ -222,7 +222,7 @@ def predicted(
                 ),
             )
         )
-    return TrainedVariant(variant=own, model=None, path=Path("model"), scores=tuple(scores))
+    return TrainedVariant(variant=own, model=None, scores=tuple(scores))
 
 
 Figure = Callable[..., float | None]

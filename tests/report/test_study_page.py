@@ -96,7 +96,7 @@ def trained(name, data):
         dataset=data.name,
         evaluations=(),
     )
-    return TrainedVariant(variant=variant, model=model, path=Path(name), scores=())
+    return TrainedVariant(variant=variant, model=model, scores=())
 
 
 LINE = {

@@ -17,12 +17,12 @@ from exposight.paper.observed_curves import (
     ObservedCurve,
     TrainingPositions,
 )
+from exposight.paper.prediction_surfaces import PredictionSurfaces
 from exposight.paper.predictions import (
     BestAndWorst,
     CaptureForecast,
     FeatureForecast,
     PredictedCurve,
-    PredictionSurfaces,
 )
 from exposight.paper.results import (
     DependenceMatrix,
@@ -38,5 +38,5 @@ from exposight.paper.results import (
 from exposight.paper.scores import score_variant
 from exposight.paper.study import run_study
 from exposight.paper.study_settings import SENSOR_KINDS, SensorKind, StudySettings
-from exposight.paper.tables import table_files
+from exposight.paper.study_tables import table_files
 from exposight.paper.variants import VARIANTS, EvaluationRole, EvaluationSet, Variant

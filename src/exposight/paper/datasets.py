@@ -1,8 +1,8 @@
 """The datasets of the paper's Table 9, taken from the campaigns' observations.
 
 Several datasets come from one campaign: the exposure models' are the quality models' without the
-rows below p_norm 0.75 (Sect. 3.4.1), and test features are seen in the same views. Names are plain:
-``eX_plusplus`` is ᵉX⁺⁺, and those of the stereo sensor begin with ``s2_``.
+rows below p_norm 0.75 (Sect. 3.4.1), and test features are measured in the same views. Names are
+plain: ``eX_plusplus`` is ᵉX⁺⁺, and those of the stereo sensor begin with ``s2_``.
 """
 
 from __future__ import annotations
@@ -212,8 +212,8 @@ def build_dataset(
     ObservationError
         If it has too few rows or views to be split.
     """
-    own = [tables[name] for name in definition.campaigns if name in tables]
-    table = concatenated(own).measured()
+    measured = [tables[name] for name in definition.campaigns if name in tables]
+    table = concatenated(measured).measured()
     table = table.where(np.isin(table.names("feature"), definition.features))
     if definition.p_norm_min is not None:
         table = table.with_quality(definition.p_norm_min)
@@ -252,7 +252,7 @@ def concatenated(tables: list[ObservationTable]) -> ObservationTable:
 def inside_range(
     train: ObservationTable, query: ObservationTable, columns: tuple[str, ...]
 ) -> NDArray[np.bool_]:
-    """Tell which rows lie inside the training rows' range, at the resolution of Table 9.
+    """Return which rows lie inside the training rows' range, at the resolution of Table 9.
 
     The paper prints ranges in whole mm and degrees. Rounding to them matters for the angles only:
     every feature has but one orientation, so that sharper limits would be drawn by the alignment's

@@ -20,13 +20,12 @@ from exposight.paper.observed_curves import (
     nearest_row,
     observed_curves,
 )
+from exposight.paper.prediction_surfaces import PredictionSurfaces, prediction_surfaces
 from exposight.paper.predictions import (
     BestAndWorst,
     CaptureForecast,
-    PredictionSurfaces,
     best_and_worst,
     capture_forecast,
-    prediction_surfaces,
 )
 from exposight.paper.results import DependenceMatrix, LearningCurve
 from exposight.workers import Progress, ignore_progress
@@ -41,9 +40,9 @@ if TYPE_CHECKING:
 
 _OBSERVATIONS = 7
 _NOISE = 0.05
-"""Standard deviation of the observations; the paper does not print its own."""
+"""Standard deviation of the observations; the paper does not print it."""
 _LOW, _HIGH = 0.0, 1.2
-"""Where the observations lie; so close that seven can tell the function's turns."""
+"""Where the observations lie; so close that seven show the function's turns."""
 _DRAWN = (-0.4, 1.8)
 _LENGTH_SCALE = 0.3
 _ALPHA = 0.3

@@ -25,7 +25,7 @@ from exposight.errors import InputError
 from exposight.paper.datasets import OUTSIDE, POSE, inside_range
 from exposight.paper.results import Finding, Statement, StudyResult
 from exposight.paper.study_settings import SensorKind
-from exposight.paper.tables import published_scores
+from exposight.paper.study_tables import published_scores
 from exposight.statistics import r2, rmse
 
 if TYPE_CHECKING:

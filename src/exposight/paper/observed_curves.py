@@ -194,11 +194,11 @@ def nearest_row(curves: tuple[ObservedCurve, ...]) -> tuple[ObservedCurve, ...]:
     rows = [(curve, _row_of(curve, long)) for curve in long]
     _, chosen = min(
         rows,
-        key=lambda own: (
-            -min(len(own[1]), _ENOUGH_PLACES),
-            own[0].feature,
-            float(np.hypot(own[0].y_mm, own[0].z_mm)),
-            own[0].view,
+        key=lambda item: (
+            -min(len(item[1]), _ENOUGH_PLACES),
+            item[0].feature,
+            float(np.hypot(item[0].y_mm, item[0].z_mm)),
+            item[0].view,
         ),
     )
     return tuple(sorted(chosen, key=lambda curve: (curve.x_mm, curve.view)))
@@ -222,7 +222,7 @@ def feature_positions(table: ObservationTable) -> tuple[FeaturePositions, ...]:
         FeaturePositions(
             feature=feature,
             positions_mm=np.array(
-                [(own.x_mm, own.y_mm, own.z_mm) for own in curves if own.feature == feature]
+                [(item.x_mm, item.y_mm, item.z_mm) for item in curves if item.feature == feature]
             ),
         )
         for feature in sorted({curve.feature for curve in curves})

@@ -1,4 +1,4 @@
-"""What models predict, as arrays: curves, one capture, surfaces (Figs. 11, 12, 14, 15, 24–26)."""
+"""Predictions beside observations: best and worst curves, one capture (Figs. 11, 14, 15)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.errors import InputError, ObservationError
+from exposight.errors import ObservationError
 from exposight.models import P_NORM_MIN
 from exposight.paper.observed_curves import ObservedCurve, observed_curves
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from exposight.models import GaussianProcessModel
     from exposight.observing import ObservationTable
-    from exposight.paper.study_settings import SensorKind
 
 
 _SHOWN = 3
@@ -126,7 +125,9 @@ def best_and_worst(
             f"one feature in one view, got none in {len(table)} rows of {dataset}"
         )
         raise ObservationError(msg)
-    ordered = sorted(judged, key=lambda own: (own.rmse, own.observed.feature, own.observed.view))
+    ordered = sorted(
+        judged, key=lambda curve: (curve.rmse, curve.observed.feature, curve.observed.view)
+    )
     count = min(_SHOWN, (len(ordered) + 1) // 2)
     return BestAndWorst(
         variant=variant,
@@ -182,7 +183,7 @@ def _inputs(
 def inside_training_poses(
     model: GaussianProcessModel, inputs: Mapping[str, NDArray[np.float64]]
 ) -> NDArray[np.bool_]:
-    """Tell which inputs' poses lie inside the box of the training poses, whatever their i_avg.
+    """Return which inputs' poses lie inside the box of the training poses, whatever their i_avg.
 
     Parameters
     ----------
@@ -310,25 +311,27 @@ def _forecasts(
     features = [
         FeatureForecast(
             feature=str(name),
-            x_mm=float(own[0]),
-            y_mm=float(own[1]),
-            z_mm=float(own[2]),
-            radius_mm=float(own[3]),
-            i_avg=float(own[4]),
-            p_norm=float(own[5]),
+            x_mm=float(x),
+            y_mm=float(y),
+            z_mm=float(z),
+            radius_mm=float(radius),
+            i_avg=float(i_avg),
+            p_norm=float(p_norm),
             p_norm_mean=float(q.mean[i]),
             p_norm_std=float(q.std[i]),
             exposure_mean_ms=float(e.mean[i]),
             exposure_std_ms=float(e.std[i]),
             inside=bool(inside[i]),
         )
-        for i, (name, own) in enumerate(zip(rows.names("feature"), values, strict=True))
+        for i, (name, (x, y, z, radius, i_avg, p_norm)) in enumerate(
+            zip(rows.names("feature"), values, strict=True)
+        )
     ]
-    return sorted(features, key=lambda own: own.feature)
+    return sorted(features, key=lambda item: item.feature)
 
 
 def _fullest_capture(measured: ObservationTable, exposure_near_ms: float) -> tuple[str, float]:
-    counted, good = (_captures(own) for own in (measured, measured.with_quality(P_NORM_MIN)))
+    counted, good = (_captures(rows) for rows in (measured, measured.with_quality(P_NORM_MIN)))
     return min(
         counted,
         key=lambda key: (
@@ -349,108 +352,3 @@ def _captures(table: ObservationTable) -> Counter[tuple[str, float]]:
 def _pose_inside(model: GaussianProcessModel, rows: ObservationTable) -> NDArray[np.bool_]:
     inputs = dict(zip(model.inputs, rows.array(model.inputs).T, strict=True))
     return inside_training_poses(model, inputs)
-
-
-DEPTHS_MM = (-150.0, 0.0, 150.0)
-"""z_tcp of the columns of Figs. 12, 24, 25 and 26."""
-GREY_LEVELS = (25.0, 75.0, 125.0)
-"""i_avg of their rows."""
-
-_GRID = 33
-_NEAR_MM = 45.0
-"""Training poses this near to a depth are shown with it: a plane's features lie ±20 mm deep, and
-its depth differs from the drawn one by up to 20 mm."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PredictionSurfaces:
-    """Mean and standard deviation over x and y (Figs. 12, 24, 25, 26).
-
-    Parameters
-    ----------
-    variant : str
-        The model's name.
-    target : {"p_norm", "exposure_ms"}
-        What it predicts.
-    sensor : {'structured-light', 'stereo'}
-        Which sensor's.
-    x_mm : (nx,) ndarray
-        Grid in the TCP frame, mm: the training data's range.
-    y_mm : (ny,) ndarray
-        The same along y.
-    z_mm : (3,) ndarray
-        Depths, mm.
-    i_avg : (3,) ndarray
-        Grey levels.
-    mean, std : (3, 3, ny, nx) ndarray
-        Prediction and standard deviation of a new observation, in the target's unit; first by
-        grey level, then by depth.
-    trained_mm : tuple of (k, 2) ndarray
-        For each depth x and y of the training poses near it.
-    """
-
-    variant: str
-    target: str
-    sensor: SensorKind
-    x_mm: NDArray[np.float64]
-    y_mm: NDArray[np.float64]
-    z_mm: NDArray[np.float64]
-    i_avg: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    std: NDArray[np.float64]
-    trained_mm: tuple[NDArray[np.float64], ...]
-
-
-def prediction_surfaces(
-    variant: str, model: GaussianProcessModel, sensor: SensorKind
-) -> PredictionSurfaces:
-    """Ask a model over the x-y plane; the sensor squarely faces the feature (w = p = 0).
-
-    Parameters
-    ----------
-    variant : str
-        The model's name, kept.
-    sensor : {'structured-light', 'stereo'}
-        Which sensor's, kept.
-    model : GaussianProcessModel
-        Reads i_avg and at least x, y, z.
-
-    Raises
-    ------
-    InputError
-        If the model does not read the position.
-    """
-    names = model.inputs
-    missing = [name for name in ("i_avg", "x_mm", "y_mm", "z_mm") if name not in names]
-    if missing:
-        msg = (
-            f"surfaces over x and y need a model that reads {', '.join(missing)}; "
-            f"{model.name} reads {', '.join(names)}"
-        )
-        raise InputError(msg)
-    ranges = model.training_range
-    x, y = (np.linspace(*ranges[name], _GRID) for name in ("x_mm", "y_mm"))
-    z, grey = np.array(DEPTHS_MM), np.array(GREY_LEVELS)
-    i_grid, z_grid, y_grid, x_grid = np.meshgrid(grey, z, y, x, indexing="ij")
-    grids = {"i_avg": i_grid, "z_mm": z_grid, "y_mm": y_grid, "x_mm": x_grid}
-    square = np.zeros_like(i_grid)  # the w and p of a squarely facing sensor
-    prediction = model.predict(**{name: grids.get(name, square).ravel() for name in names})
-    return PredictionSurfaces(
-        variant=variant,
-        target=model.target,
-        sensor=sensor,
-        x_mm=x,
-        y_mm=y,
-        z_mm=z,
-        i_avg=grey,
-        mean=prediction.mean.reshape(i_grid.shape),
-        std=prediction.std.reshape(i_grid.shape),
-        trained_mm=tuple(_near(model, depth) for depth in DEPTHS_MM),
-    )
-
-
-def _near(model: GaussianProcessModel, depth_mm: float) -> NDArray[np.float64]:
-    x, y, z = (model.training_data[name] for name in ("x_mm", "y_mm", "z_mm"))
-    near = np.abs(z - depth_mm) <= _NEAR_MM
-    places = np.stack([x[near], y[near]], axis=1).reshape(-1, 2)
-    return np.unique(np.round(places, 1), axis=0)

@@ -11,7 +11,6 @@ from exposight.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     import polars as pl
     from numpy.typing import NDArray
@@ -65,15 +64,12 @@ class TrainedVariant:
         Its form and data.
     model : GaussianProcessModel
         Trained on the random split's training side.
-    path : Path
-        The model's file, below the study's folder.
     scores : tuple of Score
         In the order of ``variant.evaluations``.
     """
 
     variant: Variant
     model: GaussianProcessModel
-    path: Path
     scores: tuple[Score, ...]
 
     def score(

@@ -20,15 +20,16 @@ import numpy as np
 
 from exposight import __version__
 from exposight.errors import FileError
+from exposight.models import Training
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect
 from exposight.paper.datasets import DATASETS, Dataset, build_dataset
 from exposight.paper.findings import judge
+from exposight.paper.kept_models import table_checksum, train_or_read
 from exposight.paper.results import DependenceMatrix, LearningCurve, StudyResult, TrainedVariant
 from exposight.paper.scores import learning_curve, score_variant
 from exposight.paper.study_settings import SensorKind, StudySettings
-from exposight.paper.tables import study_tables
-from exposight.paper.training import KeptTraining, table_checksum, train_or_read
+from exposight.paper.study_tables import study_tables
 from exposight.paper.variants import LEARNING_CURVES, VARIANTS, Variant
 from exposight.statistics import maximal_information_matrix
 from exposight.workers import Progress, ignore_progress
@@ -162,9 +163,7 @@ def _train(
         progress("evaluating models", done, len(full))
         model = models[id(training)]
         scores = score_variant(variant, model, datasets)
-        trained.append(
-            TrainedVariant(variant=variant, model=model, path=training.path(folder), scores=scores)
-        )
+        trained.append(TrainedVariant(variant=variant, model=model, scores=scores))
         steps = [models[id(step)] for step in fewer.get(variant, ())]
         if steps and (curve := learning_curve(trained[-1], LEARNING_CURVES[variant.name], steps)):
             curves.append(curve)
@@ -174,9 +173,8 @@ def _train(
 
 def _training(
     variant: Variant, rows: ObservationTable, sensor: ActiveSensor, settings: StudySettings
-) -> KeptTraining:
-    return KeptTraining(
-        name=variant.name,
+) -> Training:
+    return Training(
         specification=variant.specification,
         table=rows,
         source=f"the study's dataset {variant.dataset}, training side",
@@ -188,7 +186,7 @@ def _training(
     )
 
 
-def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> KeptTraining:
+def _fewer(training: Training, divisor: int, settings: StudySettings) -> Training:
     """Return a training on a fraction of the rows; smaller fractions lie within larger ones."""
     rows = training.table
     order = np.random.default_rng([settings.seed, len(rows)]).permutation(len(rows))
@@ -196,7 +194,6 @@ def _fewer(training: KeptTraining, divisor: int, settings: StudySettings) -> Kep
     fewer = ObservationTable(frame=rows.frame[chosen])
     return replace(
         training,
-        name=f"{training.name}-{divisor}th",
         table=fewer,
         source_sha256=table_checksum(fewer),
         source=f"{training.source}, one row in {divisor}",

@@ -4,7 +4,6 @@ import csv
 import io
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -14,7 +13,7 @@ from exposight.gp import ChangePoint, Exponential, GaussianProcess, RationalQuad
 from exposight.models import Evaluation, FitSummary, GaussianProcessModel, Prediction, Provenance
 from exposight.observing import ObservationTable
 from exposight.paper import Dataset, Score, StudyResult, TrainedVariant, Variant, table_files
-from exposight.paper.tables import (
+from exposight.paper.study_tables import (
     dataset_table,
     hyperparameter_table,
     published_hyperparameters,
@@ -92,9 +91,7 @@ def trained(
             score_inside=None,
         )
     scores = (Score(evaluation=line, result=result),)
-    return TrainedVariant(
-        variant=own, model=model_of(own, at_bound), path=Path("model"), scores=scores
-    )
+    return TrainedVariant(variant=own, model=model_of(own, at_bound), scores=scores)
 
 
 class Row:

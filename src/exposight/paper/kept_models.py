@@ -1,4 +1,4 @@
-"""Models trained several at a time, each kept as a file and used again while its inputs are.
+"""Models trained in parallel, each kept as a file and used again while its inputs are the same.
 
 A model's file is called after a checksum of all that decides it: its kernel and inputs, the rows it
 learns from, the seed and number of starts, and the program's version.
@@ -6,17 +6,16 @@ learns from, the seed and number of starts, and the program's version.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import logging
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from exposight import __version__
 from exposight.errors import FileError
+from exposight.files.documents import sha256_of
 from exposight.models import (
     MODEL_SUFFIX,
     GaussianProcessModel,
@@ -38,58 +37,25 @@ _STAGE = "training models"
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KeptTraining(Training):
-    """A model to be trained and kept.
-
-    Parameters
-    ----------
-    name : str
-        Begins the name of its file.
-    """
-
-    name: str
-
-    def path(self, folder: Path) -> Path:
-        """Return the file in a folder that holds this very model."""
-        decisive = {
-            "specification": [
-                self.specification.name,
-                self.specification.target,
-                self.specification.inputs,
-                self.specification.kernel.to_dict(),
-                self.specification.p_norm_min,
-            ],
-            "rows": self.source_sha256,
-            "source": self.source,
-            "sensor": self.sensor.to_json() if self.sensor else None,
-            "seed": self.seed,
-            "restarts": self.restarts,
-            "version": __version__,
-        }
-        text = json.dumps(decisive, sort_keys=True)
-        return folder / f"{self.name}-{_short(text.encode())}{MODEL_SUFFIX}"
-
-
 def train_or_read(
-    trainings: Sequence[KeptTraining],
+    trainings: Sequence[Training],
     folder: Path,
     *,
     workers: int,
     progress: Progress,
 ) -> tuple[GaussianProcessModel, ...]:
-    """Train models, or take those that an earlier run trained.
+    """Train models, or read those that an earlier run trained.
 
     Parameters
     ----------
     trainings : sequence of Training
-        What to train.
+        What to train; `source_sha256` must be the checksum of the rows (`table_checksum`).
     folder : Path
         Where models are kept; it must exist.
     workers : int, 1 or more
         Models that are trained at the same time.
     progress : Progress
-        Receives the models that are there.
+        Receives the models that are complete.
 
     Returns
     -------
@@ -103,7 +69,7 @@ def train_or_read(
     FileError
         If a model cannot be written.
     """
-    paths = [training.path(folder) for training in trainings]
+    paths = [model_path(training, folder) for training in trainings]
     kept = [_kept(path) for path in paths]
     missing = {
         id(training): path
@@ -124,6 +90,28 @@ def train_or_read(
     )
 
 
+def model_path(training: Training, folder: Path) -> Path:
+    """Return the file in a folder that holds the model of exactly this training."""
+    specification = training.specification
+    decisive = {
+        "specification": [
+            specification.name,
+            specification.target,
+            specification.inputs,
+            specification.kernel.to_dict(),
+            specification.p_norm_min,
+        ],
+        "rows": training.source_sha256,
+        "source": training.source,
+        "sensor": training.sensor.to_json() if training.sensor else None,
+        "seed": training.seed,
+        "restarts": training.restarts,
+        "version": __version__,
+    }
+    checksum = sha256_of(json.dumps(decisive, sort_keys=True).encode())[:12]
+    return folder / f"{specification.name}-{checksum}{MODEL_SUFFIX}"
+
+
 def _kept(path: Path) -> GaussianProcessModel | None:
     """Return the model that an earlier run kept; a damaged one is trained again."""
     if not path.is_file():
@@ -139,8 +127,4 @@ def table_checksum(table: ObservationTable) -> str:
     """Return the SHA-256 of a table's rows, as CSV."""
     buffer = io.BytesIO()
     table.frame.write_csv(buffer)
-    return hashlib.sha256(buffer.getvalue()).hexdigest()
-
-
-def _short(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:12]
+    return sha256_of(buffer.getvalue())
