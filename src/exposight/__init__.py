@@ -1,3 +1,100 @@
-"""exposight: exposure time and point-cloud quality for active 3D sensors, predicted beforehand."""
+"""exposight: exposure time and point-cloud quality for active 3D sensors, predicted beforehand.
 
-__version__ = "0.1.0"
+The names that most scripts need, each imported when it is first used::
+
+    import exposight as xs
+
+    campaign = xs.open_campaign("door")
+    train, test = campaign.observe().split(by="feature", share=0.8, seed=1)
+    models = xs.train(train, sensor=campaign.sensor)
+    print(models.evaluate(test))
+    print(models.forecast(campaign.view(pose)))
+
+Everything else is in the rooms: `exposight.cell`, `exposight.imaging`, `exposight.observing`,
+`exposight.models`, `exposight.planning`, `exposight.gp`, ….
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from exposight.version import __version__
+
+if TYPE_CHECKING:
+    from exposight.cell import (
+        ActiveSensor,
+        Capture,
+        Cloud,
+        Driver,
+        Feature,
+        Part,
+        read_features,
+        read_sensor,
+        sensor_preset,
+    )
+    from exposight.errors import ExposightError
+    from exposight.geometry import RigidTransform
+    from exposight.imaging import decode, triangulate
+    from exposight.models import ModelSpecification, Prediction, Predictor, load_model, save_model
+    from exposight.observing import Campaign, ObservationTable, open_campaign, read_observations
+    from exposight.planning import Forecast, SensorModels, forecast
+    from exposight.planning import train_sensor_models as train
+
+__all__ = [
+    "ActiveSensor",
+    "Campaign",
+    "Capture",
+    "Cloud",
+    "Driver",
+    "ExposightError",
+    "Feature",
+    "Forecast",
+    "ModelSpecification",
+    "ObservationTable",
+    "Part",
+    "Prediction",
+    "Predictor",
+    "RigidTransform",
+    "SensorModels",
+    "__version__",
+    "decode",
+    "forecast",
+    "load_model",
+    "open_campaign",
+    "read_features",
+    "read_observations",
+    "read_sensor",
+    "save_model",
+    "sensor_preset",
+    "train",
+    "triangulate",
+]
+
+_ROOMS = {
+    "cell": (
+        "ActiveSensor", "Capture", "Cloud", "Driver", "Feature", "Part", "read_features",
+        "read_sensor", "sensor_preset",
+    ),
+    "errors": ("ExposightError",),
+    "geometry": ("RigidTransform",),
+    "imaging": ("decode", "triangulate"),
+    "models": ("ModelSpecification", "Prediction", "Predictor", "load_model", "save_model"),
+    "observing": ("Campaign", "ObservationTable", "open_campaign", "read_observations"),
+    "planning": ("Forecast", "SensorModels", "forecast", "train"),
+}  # fmt: skip
+_ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
+_NAME_THERE = {"train": "train_sensor_models"}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used (PEP 562)."""
+    if name not in _ROOM_OF:
+        msg = f"module 'exposight' has no attribute {name!r}"
+        raise AttributeError(msg)
+    room = import_module(f"exposight.{_ROOM_OF[name]}")
+    value = getattr(room, _NAME_THERE.get(name, name))
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
 from exposight.cli.output import print_error, quit_quietly
 from exposight.errors import ExposightError, did_you_mean
+from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

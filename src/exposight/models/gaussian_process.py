@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from exposight import __version__
 from exposight.errors import InputError
 from exposight.files.documents import validate
 from exposight.gp import Committee, GaussianProcess, kernel_from_dict
@@ -22,6 +21,7 @@ from exposight.models.predictor import (
 from exposight.models.specification import ModelSpecification
 from exposight.quantities import quantity
 from exposight.statistics import inside_box
+from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 import polars as pl
 
-from exposight import __version__
 from exposight.errors import InputError, ObservationError, did_you_mean
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
+from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

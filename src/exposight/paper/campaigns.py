@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
 from exposight.files.documents import sha256_of
@@ -23,6 +22,7 @@ from exposight.observing import ObservationTable, observe_campaign, read_observa
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
 from exposight.plans import plan_preset, plan_to_toml
 from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simulate_observations
+from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable

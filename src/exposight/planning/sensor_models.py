@@ -19,7 +19,7 @@ from exposight.models import (
     save_model,
     train_all,
 )
-from exposight.planning.forecast import Forecast, forecast
+from exposight.planning.forecasts import Forecast, forecast
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
 from exposight.workers import Progress, ignore_progress

@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from plotly.offline import get_plotlyjs
 
-from exposight import __version__
 from exposight.files.durable import write_durably
 from exposight.report.markup import escape, section
+from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
