@@ -104,7 +104,7 @@ def test_dark_pixel_has_no_column(render_gray):
     bits = render_gray(np.full((1, 2), 5.0), N_BITS, black=10, white=29)
     decoded = decode(stack_of(bits, white=29), sequence_of())
     assert np.isnan(decoded.column).all()
-    assert decoded.low_modulation.all()
+    assert decoded.flagged(PixelFlag.LOW_MODULATION).all()
     assert decoded.modulation == pytest.approx(9.5)
 
 
@@ -121,7 +121,7 @@ def test_clipped_pixel_is_marked_and_kept(render_gray):
     decoded = decode(
         stack_of(render_gray(coordinate, N_BITS, white=255.0), white=255.0), sequence_of()
     )
-    assert decoded.clipped.all()
+    assert decoded.flagged(PixelFlag.CLIPPED).all()
     assert np.array_equal(decoded.column, coordinate)
 
 

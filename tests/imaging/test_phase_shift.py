@@ -90,7 +90,7 @@ def test_clipped_sample_has_no_column(render_fringe):
     images = np.array([render_fringe(column, 1, 1024, equal_steps(3))])
     images[0, 1, 0, 0] = 255.0
     decoded = decode(recorded(images, 8), sequence_of((1,), 3, bit_depth=8))
-    assert decoded.clipped.tolist() == [[True, False]]
+    assert decoded.flagged(PixelFlag.CLIPPED).tolist() == [[True, False]]
     assert np.isnan(decoded.column).tolist() == [[True, False]]
 
 
@@ -102,7 +102,7 @@ def test_low_modulation_has_no_column(render_fringe):
         ], axis=2)
     ]  # fmt: skip
     decoded = decode(recorded(images), sequence_of((1,), 3))
-    assert decoded.low_modulation.tolist() == [[True, False]]
+    assert decoded.flagged(PixelFlag.LOW_MODULATION).tolist() == [[True, False]]
     assert np.isnan(decoded.column).tolist() == [[True, False]]
     assert decoded.modulation[0] == pytest.approx([9.5, 10.5], abs=0.01)
 

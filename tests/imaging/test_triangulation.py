@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from exposight.errors import ImageError
+from exposight.cell import Cloud
+from exposight.errors import CloudError, ImageError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import (
     DecodedMap,
@@ -12,6 +13,7 @@ from exposight.imaging import (
     Fringe,
     PatternSequence,
     PhaseShift,
+    compare_along_rays,
     decode,
     triangulate,
 )
@@ -187,3 +189,37 @@ def test_from_frames_to_the_plane(scene, render_fringe):
     assert np.array_equal(cloud.valid, on_projector)
     error = np.linalg.norm(cloud.points - scene.points, axis=-1)[on_projector]
     assert error.max() < 1e-3  # 16-bit grey levels: 1e-5 rad of a period of 4 px
+
+
+def test_points_of_the_surface_between_pixels_agree(scene):
+    between = 0.5 * (scene.points[:-1, :-1] + scene.points[1:, 1:])
+    agreement = compare_along_rays(Cloud(points=scene.points), between, scene.camera)
+    assert agreement.common_points == between[..., 0].size
+    assert agreement.median_mm < 0.01  # bilinear interpolation of a plane in perspective
+
+
+def test_an_offset_along_the_rays_is_measured(scene):
+    agreement = compare_along_rays(
+        Cloud(points=scene.points), 1.01 * scene.points[1:-1, 1:-1], scene.camera
+    )
+    expected = 0.01 * np.linalg.norm(scene.points[1:-1, 1:-1], axis=-1)
+    assert agreement.p90_mm == pytest.approx(np.percentile(expected, 90), abs=0.01)
+
+
+def test_missing_points_are_not_common(scene):
+    points = scene.points.copy()
+    points[10] = np.nan
+    reference = 0.5 * (scene.points[9:12, :-1] + scene.points[9:12, 1:])
+    reference[2, 0] = np.nan
+    agreement = compare_along_rays(Cloud(points=points), reference, scene.camera)
+    assert agreement.common_points < 2 * reference.shape[1]
+
+
+def test_nothing_in_common(scene):
+    with pytest.raises(CloudError, match="no point in common"):
+        compare_along_rays(Cloud(points=scene.points), -scene.points, scene.camera)
+
+
+def test_unorganised_cloud(scene):
+    with pytest.raises(CloudError, match="expected a cloud of 96 rows × 120 columns"):
+        compare_along_rays(Cloud(points=scene.points.reshape(-1, 3)), scene.points, scene.camera)

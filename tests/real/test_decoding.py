@@ -159,6 +159,6 @@ def test_foam_is_smooth_on_the_wall(foam, axis):
 
 
 def test_foam_is_decoded_nearly_everywhere_it_is_lit(foam):
-    lit = ~foam.low_modulation
+    lit = ~foam.flagged(PixelFlag.LOW_MODULATION)
     assert np.mean(foam.valid[lit]) > 0.99
     assert foam.flagged(PixelFlag.AMBIGUOUS).mean() < 0.01

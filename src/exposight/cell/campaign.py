@@ -8,7 +8,6 @@ whenever the writer stops: each capture is a folder that appears whole or not at
 from __future__ import annotations
 
 import json
-import math
 import re
 import weakref
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
-from exposight.files.documents import DocumentFormat, sha256_of
+from exposight.files.documents import DocumentFormat, alike, sha256_of
 from exposight.files.durable import is_unfinished, sweep_unfinished, write_durably
 from exposight.files.lock import WRITER_LOCK, hold_writer_lock
 from exposight.files.reading import read_bytes, read_verified
@@ -43,9 +42,6 @@ if TYPE_CHECKING:
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
 _CAPTURES = "captures"
 
-_POSE_TOLERANCE = 1e-9
-"""Reading a pose makes its rotation exactly orthonormal, which changes its last digits."""
-
 _Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -54,7 +50,7 @@ class CaptureSource(Protocol):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Name of the campaign."""
         ...
 
     @property
@@ -82,7 +78,7 @@ class MemoryCampaign:
     Parameters
     ----------
     name : str
-        What people call it.
+        Name of the campaign.
     sensor : ActiveSensor
         The sensor that took every capture.
     part : Part
@@ -220,14 +216,13 @@ class CampaignFolder:
 class CampaignWriter:
     """Adds captures to a campaign on disk; `open_or_create` makes one.
 
-    A folder has one writer at a time. Leave a ``with`` block, or call `close`, to let the next one
-    in; a killed writer lets go by itself.
+    A folder has one writer at a time. Leaving a ``with`` block, or `close`, lets the next one in;
+    so does the death of the process.
     """
 
     def __init__(self, campaign: CampaignFolder, lock: BaseFileLock) -> None:
         self._campaign = campaign
-        self._keys = list(campaign.keys())
-        self._next = 1 + max(campaign.numbers, default=-1)
+        self._keys = dict(zip(campaign.numbers, campaign.keys(), strict=True))
         self._release = weakref.finalize(self, lock.release)
 
     @classmethod
@@ -236,14 +231,14 @@ class CampaignWriter:
     ) -> CampaignWriter:
         """Open a campaign's folder to add captures, or make it.
 
-        What a killed writer left half written is removed.
+        Files that a killed writer left unfinished are removed.
 
         Parameters
         ----------
         path : Path
             The folder; made with its parents if it is not there.
         name : str
-            What people call the campaign.
+            Name of the campaign.
         sensor : ActiveSensor
             The sensor that takes every capture; the same as before, if the folder is there.
         part : Part
@@ -275,16 +270,16 @@ class CampaignWriter:
     @property
     def keys(self) -> tuple[CaptureKey, ...]:
         """View and exposure time of every capture that is there, in the order they were taken."""
-        return tuple(self._keys)
+        return tuple(self._keys.values())
 
     @property
     def numbered_keys(self) -> dict[int, CaptureKey]:
-        """Number and key of every capture that was there when the campaign was opened."""
-        return dict(zip(self._campaign.numbers, self._campaign.keys(), strict=True))
+        """The same by the captures' numbers."""
+        return dict(self._keys)
 
     def has(self, view: str, exposure_ms: float) -> bool:
-        """Tell whether a capture is there already, so that an interrupted campaign can go on."""
-        return CaptureKey(view, exposure_ms) in self._keys
+        """Return whether a capture exists already, so that an interrupted campaign can continue."""
+        return CaptureKey(view, exposure_ms) in self._keys.values()
 
     def add(self, capture: Capture) -> None:
         """Add a capture; it is on the disk, whole, when this returns.
@@ -301,13 +296,13 @@ class CampaignWriter:
             msg = f"the writer of {campaign.path} is closed; open the campaign again to add to it"
             raise FileError(msg)
         capture.check_fits(campaign.sensor)
-        _check_new_key(capture.key, set(self._keys), campaign.name)
-        write_capture(_capture_path(campaign.path, self._next), capture)
-        self._keys.append(capture.key)
-        self._next += 1
+        _check_new_key(capture.key, set(self._keys.values()), campaign.name)
+        number = 1 + max(self._keys, default=-1)
+        write_capture(_capture_path(campaign.path, number), capture)
+        self._keys[number] = capture.key
 
     def sweep(self) -> None:
-        """Remove what killed workers of this writer left half written."""
+        """Remove files that killed worker processes of this writer left unfinished."""
         _sweep(self._campaign.path)
 
     def close(self) -> None:
@@ -324,9 +319,9 @@ class CampaignWriter:
 def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
     """Write a capture under a number of its own, on behalf of a campaign's open writer.
 
-    For the worker processes of a program that holds the campaign's `CampaignWriter`: it keeps
-    other programs out and tells its workers the numbers. Should two workers come to write the same
-    capture, as after one of them was taken for dead, the first one's is kept and both end well.
+    For the worker processes of a program that holds the campaign's `CampaignWriter`, which keeps
+    other programs out and assigns the numbers. If two workers write the same capture, as after one
+    of them was given up, the first one's is kept and neither fails.
 
     Parameters
     ----------
@@ -348,7 +343,7 @@ def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> Non
     try:
         write_capture(path, capture)
     except FileError:
-        if not _holds(path, capture.key):  # else somebody was quicker
+        if not _holds(path, capture.key):  # else another worker was faster
             raise
 
 
@@ -358,7 +353,7 @@ def _sweep(campaign: Path) -> None:
 
 
 def _holds(folder: Path, key: CaptureKey) -> bool:
-    """Tell whether a folder holds the capture of a view and exposure time."""
+    """Return whether a folder holds the capture of a view and exposure time."""
     try:
         return read_key(folder) == key
     except FileError:
@@ -371,7 +366,7 @@ def _capture_path(campaign: Path, number: int) -> Path:
 
 def _capture_numbers(folder: Path) -> Iterator[int]:
     for entry in folder.iterdir() if folder.is_dir() else ():
-        if re.fullmatch(r"\d{6,}", entry.name):  # neither unfinished nor somebody's own folder
+        if re.fullmatch(r"\d{6,}", entry.name):  # neither unfinished nor a user's folder
             yield int(entry.name)
 
 
@@ -412,9 +407,9 @@ def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part:
     """Refuse to mix captures of different sensors or parts in one campaign."""
     if campaign.name != name:
         difference = f"is called {campaign.name!r} and not {name!r}"
-    elif not _alike(json.loads(campaign.sensor.to_json()), json.loads(sensor.to_json())):
+    elif not alike(json.loads(campaign.sensor.to_json()), json.loads(sensor.to_json())):
         difference = f"was taken by a sensor {campaign.sensor.name!r} that differs from the one now"
-    elif not _alike(_outline(campaign.part), _outline(part)):
+    elif not alike(_outline(campaign.part), _outline(part)):
         difference = f"is of a part {campaign.part.name!r} that differs from the one now"
     else:
         return
@@ -427,25 +422,8 @@ def _outline(part: Part) -> list[object]:
     return [part.name, sizes, [f.part_from_feature.to_matrix().tolist() for f in part.features]]
 
 
-def _alike(one: object, other: object) -> bool:
-    """Compare nested lists, dictionaries and values, numbers within `_POSE_TOLERANCE`."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(_alike, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=_POSE_TOLERANCE, abs_tol=_POSE_TOLERANCE)
-    return one == other
-
-
 def _check_new_key(key: CaptureKey, known: set[CaptureKey], campaign: str) -> None:
-    """Check that a campaign has no capture of this view and exposure time yet.
-
-    Raises
-    ------
-    InputError
-        If it has one.
-    """
+    """Check that a campaign has no capture of this view and exposure time yet."""
     if key in known:
         msg = (
             f"campaign {campaign!r} already has a capture of view {key.view!r} at "

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
@@ -230,6 +231,20 @@ def check_header(raw: Mapping[str, Any], *, format_name: str, newest: int, sourc
             f"up to version {newest}: update exposight"
         )
         raise VersionError(msg)
+
+
+def alike(one: object, other: object) -> bool:
+    """Compare parsed documents: nested lists, dictionaries and values, numbers within 1e-9.
+
+    Reading a pose makes its rotation exactly orthonormal, which changes its last digits.
+    """
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)
+    return one == other
 
 
 def sha256_of(data: bytes) -> str:

@@ -1,6 +1,5 @@
 """From recorded frames to projector coordinates, and from these to organised clouds."""
 
-from exposight.imaging.agreement import CloudAgreement, compare_along_rays
 from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
 from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frames import FrameStack, re_expose, read_frames
@@ -14,4 +13,4 @@ from exposight.imaging.sequence_files import (
 )
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
 from exposight.imaging.stereo import StereoLimits, match_pair, matchable
-from exposight.imaging.triangulation import triangulate
+from exposight.imaging.triangulation import CloudAgreement, compare_along_rays, triangulate

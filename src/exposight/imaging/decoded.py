@@ -145,23 +145,12 @@ class DecodedMap:
         """Return (rows, columns): where a flag is set."""
         return np.asarray((self.flags & np.uint8(flag)) != 0)
 
-    @property
-    def clipped(self) -> NDArray[np.bool_]:
-        """(rows, columns): where a sample is at full scale."""
-        return self.flagged(PixelFlag.CLIPPED)
-
-    @property
-    def low_modulation(self) -> NDArray[np.bool_]:
-        """(rows, columns): where the patterns change the grey level too little."""
-        return self.flagged(PixelFlag.LOW_MODULATION)
-
     def counts(self) -> DecodingCounts:
         """Count the decoded pixels and each flag."""
-        return DecodingCounts(
-            pixels=self.flags.size,
-            decoded=int(np.count_nonzero(self.valid)),
-            low_modulation=int(np.count_nonzero(self.low_modulation)),
-            clipped=int(np.count_nonzero(self.clipped)),
-            ambiguous=int(np.count_nonzero(self.flagged(PixelFlag.AMBIGUOUS))),
-            outside=int(np.count_nonzero(self.flagged(PixelFlag.OUTSIDE))),
-        )
+        flagged = {
+            flag.name.lower(): int(np.count_nonzero(self.flagged(flag)))
+            for flag in PixelFlag
+            if flag.name
+        }
+        decoded = int(np.count_nonzero(self.valid))
+        return DecodingCounts(pixels=self.flags.size, decoded=decoded, **flagged)

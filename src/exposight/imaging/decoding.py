@@ -80,14 +80,7 @@ def decode(
     maps = {}
     for axis, coding, size in sequence.axes():
         decode_axis = decode_gray_code if isinstance(coding, GrayCode) else decode_phase_shift
-        maps[axis] = decode_axis(
-            stack,
-            coding,  # type: ignore[arg-type]
-            size=size,
-            white_frame=sequence.white_frame,
-            black_frame=sequence.black_frame,
-            limits=limits,
-        )
+        maps[axis] = decode_axis(stack, sequence, coding, size, limits)  # type: ignore[arg-type]
     columns, rows = maps.get("columns"), maps.get("rows")
     both = list(maps.values())
     return DecodedMap(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from exposight.cell import Image
     from exposight.imaging.frames import FrameStack
-    from exposight.imaging.sequences import GrayCode
+    from exposight.imaging.sequences import GrayCode, PatternSequence
 
 
 _LOW = np.uint8(PixelFlag.LOW_MODULATION)
@@ -33,26 +33,27 @@ _OUTSIDE = np.uint8(PixelFlag.OUTSIDE)
 
 def decode_gray_code(
     stack: FrameStack,
+    sequence: PatternSequence,
     gray_code: GrayCode,
-    *,
     size: int,
-    white_frame: int | None,
-    black_frame: int | None,
     limits: DecodingLimits,
 ) -> AxisMap:
     """Decode the Gray code of one projector axis.
+
+    The white and black frames give the contrast, and the threshold where there are no inverse
+    frames. Without them the contrast is the largest difference between a bit's frame and its
+    inverse.
 
     Parameters
     ----------
     stack : FrameStack
         All frames of the recording.
+    sequence : PatternSequence
+        What they show.
     gray_code : GrayCode
-        Which of them are its bits.
+        The coding of this axis.
     size : int, px
         The projector's length along this axis.
-    white_frame, black_frame : int or None
-        They give the contrast, and the threshold where there are no inverse frames. Without them
-        the contrast is the largest difference between a bit's frame and its inverse.
     limits : DecodingLimits
         When a pixel counts as decoded.
 
@@ -63,8 +64,8 @@ def decode_gray_code(
     """
     bits = np.array(gray_code.frames, dtype=np.int64)
     inverses = np.array(gray_code.inverse_frames, dtype=np.int64)
-    white = -1 if white_frame is None else white_frame
-    black = -1 if black_frame is None else black_frame
+    white = -1 if sequence.white_frame is None else sequence.white_frame
+    black = -1 if sequence.black_frame is None else sequence.black_frame
     frames = stack.frames
     code = np.empty(stack.image_shape, dtype=np.int32)
     modulation = np.empty(stack.image_shape, dtype=np.float32)

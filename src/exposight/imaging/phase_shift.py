@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from exposight.cell import Image
     from exposight.imaging.frames import FrameStack
-    from exposight.imaging.sequences import Fringe, PhaseShift
+    from exposight.imaging.sequences import Fringe, PatternSequence, PhaseShift
 
 
 _LOW = np.uint8(PixelFlag.LOW_MODULATION)
@@ -43,27 +43,12 @@ def _solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
 
 def decode_phase_shift(
     stack: FrameStack,
+    sequence: PatternSequence,
     phase_shift: PhaseShift,
-    *,
     size: int,
-    white_frame: int | None,
-    black_frame: int | None,
     limits: DecodingLimits,
 ) -> AxisMap:
-    """Decode the phase-shifted fringes of one projector axis.
-
-    Parameters
-    ----------
-    stack : FrameStack
-        All frames of the recording.
-    phase_shift : PhaseShift
-        Which of them are its steps.
-    size : int, px
-        The projector's length along this axis.
-    white_frame, black_frame : int or None
-        Used by the Gray code, where there is one.
-    limits : DecodingLimits
-        When a pixel counts as decoded.
+    """Decode the phase-shifted fringes of one projector axis; parameters as `decode_gray_code`.
 
     Returns
     -------
@@ -75,15 +60,12 @@ def decode_phase_shift(
         coarse, modulation, flags = _unknown(stack.image_shape)
     else:
         coarse, modulation, flags = decode_gray_code(
-            stack,
-            phase_shift.gray_code,
-            size=size,
-            white_frame=white_frame,
-            black_frame=black_frame,
-            limits=limits,
+            stack, sequence, phase_shift.gray_code, size, limits
         )
     coordinate = np.empty(stack.image_shape)
-    rungs, periods_px = _ladder(fringes, size, has_gray_code=phase_shift.gray_code is not None)
+    steps, periods_px = _unwrapping_steps(
+        fringes, size, has_gray_code=phase_shift.gray_code is not None
+    )
     solvers = [_solver(fringe.shifts_deg) for fringe in fringes]
     # A whole number of periods repeats at the border: there, −ε and W − ε look alike.
     cyclic = coarse.size == 0 and all(float(fringe.periods).is_integer() for fringe in fringes)
@@ -93,7 +75,7 @@ def decode_phase_shift(
         np.cumsum([0, *(len(fringe.frames) for fringe in fringes)]),
         np.concatenate([solver[1] for solver in solvers]),
         np.concatenate([solver[2] for solver in solvers]),
-        rungs,
+        steps,
         periods_px,
         coarse,
         size,
@@ -115,34 +97,34 @@ def _unknown(shape: tuple[int, int]) -> AxisMap:
     return AxisMap(np.empty((0, 0)), modulation, np.zeros(shape, dtype=np.uint8))
 
 
-def _ladder(
+def _unwrapping_steps(
     fringes: Sequence[Fringe], size: int, *, has_gray_code: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the steps of unwrapping: (fringe, fringe to subtract or −1) and each one's period."""
-    rungs = [(i, -1) for i in range(len(fringes))]
+    steps = [(i, -1) for i in range(len(fringes))]
     periods_px = [size / fringe.periods for fringe in fringes]
     if has_gray_code:
         for coarse, fine in list(pairwise(fringes))[:1]:
-            rungs.insert(0, (1, 0))
+            steps.insert(0, (1, 0))
             periods_px.insert(0, size / (fine.periods - coarse.periods))
-    return np.array(rungs, dtype=np.int64), np.array(periods_px)
+    return np.array(steps, dtype=np.int64), np.array(periods_px)
 
 
 @njit(inline="always", error_model="numpy")
-def _climb(
+def _unwrap_pixel(
     phase: NDArray[np.float64],
-    rungs: NDArray[np.int64],
+    steps: NDArray[np.int64],
     periods_px: NDArray[np.float64],
     absolute: float,
     is_known: bool,
     size: int,
 ) -> tuple[float, float]:
-    """Unwrap one pixel's phases (in periods) rung by rung; return coordinate and worst residual."""
+    """Unwrap one pixel's phases (in periods) step by step; return coordinate and worst residual."""
     worst = 0.0
     for i in range(periods_px.size):
-        part = phase[rungs[i, 0]]
-        if rungs[i, 1] >= 0:
-            part -= phase[rungs[i, 1]]
+        part = phase[steps[i, 0]]
+        if steps[i, 1] >= 0:
+            part -= phase[steps[i, 1]]
         if i == 0 and not is_known:
             # Of the values a period apart, the one nearest to the projector's middle.
             middle = 0.5 * (size - 1) / periods_px[0]
@@ -164,7 +146,7 @@ def _unwrap(
     first: NDArray[np.int64],
     to_cosine: NDArray[np.float64],
     to_sine: NDArray[np.float64],
-    rungs: NDArray[np.int64],
+    steps: NDArray[np.int64],
     periods_px: NDArray[np.float64],
     coarse: NDArray[np.float64],
     size: int,
@@ -207,7 +189,9 @@ def _unwrap(
                 continue
             for i in range(n_fringes):
                 phase[i] = np.arctan2(sine[i], cosine[i]) / turn
-            absolute, residual = _climb(phase, rungs, periods_px, absolute, coarse.size > 0, size)
+            absolute, residual = _unwrap_pixel(
+                phase, steps, periods_px, absolute, coarse.size > 0, size
+            )
             if cyclic:
                 absolute -= size * np.floor((absolute + 0.5) / size)
             if residual > max_residual:
