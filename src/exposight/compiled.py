@@ -43,7 +43,7 @@ def njit(**options: Any) -> Callable[[_Function], _Function]:
     return compiled
 
 
-def checksum(dispatcher: Any) -> str:
+def _checksum(dispatcher: Any) -> str:
     """Return a checksum of all that decides a compiled function's machine code."""
     return hashlib.sha256("\n".join(_parts(dispatcher, set())).encode()).hexdigest()
 
@@ -99,5 +99,5 @@ class _Cache(_caching.FunctionCache):  # type: ignore[misc]
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         # Called before anything is read or written, when all that the function calls is defined.
-        self._cache_file._source_stamp = checksum(self.dispatcher)
+        self._cache_file._source_stamp = _checksum(self.dispatcher)
         return super()._index_key(sig, codegen)
