@@ -18,15 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas
 
-from benchmarks.gp_data import Problem, exposure_problem, quality_problem
 from benchmarks.gp_more_data import more_data
 from benchmarks.gp_peers import (
     Engine,
     Exposight,
     GPy,
     GPyTorch,
+    Problem,
     ScikitLearn,
+    exposure_problem,
     gpytorch_installed,
+    quality_problem,
 )
 from benchmarks.maximal_information import mic_figures
 from benchmarks.measuring import Figure, at_least, at_most, publish, say

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gp_data import inputs, quality_kernel
+from benchmarks.gp_peers import inputs, quality_kernel
 from exposight.gp.likelihood import MarginalLikelihood
 
 ROWS = 13_466  # the stereo sensor's dataset, Table 9

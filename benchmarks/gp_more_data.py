@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from benchmarks.gp_data import exposure_problem, inputs, quality_kernel
+from benchmarks.gp_peers import exposure_problem, inputs, quality_kernel
 from benchmarks.measuring import Figure, at_most, best_of, publish, say
 from exposight.gp import CommitteeFitResult, GaussianProcess, Prediction, fit_committee
 from exposight.statistics import rmse

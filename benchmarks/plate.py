@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
+from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Capture, Cloud, Feature, Part
 from exposight.geometry import RigidTransform
+from exposight.observing import FeatureView
 
 RADII_MM = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 
@@ -66,3 +70,35 @@ def many_holes(count: int) -> Part:
 def _hole(name: str, radius_mm: float, x_mm: float, y_mm: float) -> Feature:
     pose = RigidTransform(translation_mm=np.array([x_mm, y_mm, 0.0]))
     return Feature(name=name, kind="hole", part_from_feature=pose, radius_mm=float(radius_mm))
+
+
+_SECTIONS = 128  # facets: the mesh's chords lie within 0.01 mm of the cylinder at 30 mm radius
+
+
+class TrimeshSearch:
+    """Counts the points of the same pixels that our search looks at (Sect. 3.1.3 of the paper).
+
+    Parameters
+    ----------
+    points : (rows, columns, 3) ndarray of float32, mm
+        Organised cloud.
+    """
+
+    def __init__(self, points: NDArray[np.float32]) -> None:
+        self._points = points
+
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        """Return n_points of each view."""
+        return np.array([self._count(view) for view in views], dtype=np.int64)
+
+    def _count(self, view: FeatureView) -> int:
+        box, region = view.search_box, view.region
+        near = self._points[box.top : box.bottom, box.left : box.right].reshape(-1, 3)
+        mesh = trimesh.creation.annulus(
+            r_min=region.inner_mm,
+            r_max=region.outer_mm,
+            height=region.height_mm,
+            sections=_SECTIONS,
+            transform=view.camera_from_feature.to_matrix(),
+        )
+        return int(np.count_nonzero(mesh.contains(near[np.isfinite(near[:, 0])])))

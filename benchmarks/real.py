@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measuring import Figure, at_least, at_most, best_of, publish, say
-from benchmarks.plate import flat_plate, holes_side_by_side, many_holes, plate_capture
-from benchmarks.trimesh_search import TrimeshSearch
+from benchmarks.plate import (
+    TrimeshSearch,
+    flat_plate,
+    holes_side_by_side,
+    many_holes,
+    plate_capture,
+)
 from exposight.cell import MemoryCampaign, sensor_preset
 from exposight.demo import (
     SkullSettings,
