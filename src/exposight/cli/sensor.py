@@ -154,8 +154,7 @@ def _calibrated(
             msg = f"{path} holds the projector: leave out --projector and --projector-pose"
             raise typer.BadParameter(msg)
         rig = read_projector_camera(path, projector_size=projector_size)
-        camera_from_projector = rig.projector_from_camera.inverse()
-        return rig.camera, _projector(rig.projector, camera_from_projector, path)
+        return rig.camera, _projector(rig.projector, rig.camera_from_projector, path)
     if not is_camera_info(file):
         msg = (
             f"{path}: expected camera and projector named as by {' or '.join(KNOWN_KEYS)}, or a "

@@ -187,9 +187,7 @@ def skull_sensor(rig: ProjectorCamera, cloud: Cloud) -> ActiveSensor:
         name="SLStudio rig of the skull recording",
         cameras=(rig.camera,),
         first_from_camera=(RigidTransform(),),
-        projector=Projector(
-            camera=rig.projector, camera_from_projector=rig.projector_from_camera.inverse()
-        ),
+        projector=Projector(camera=rig.projector, camera_from_projector=rig.camera_from_projector),
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
         exposure=ExposureRange(min_ms=0.1, max_ms=1000.0, increment_ms=0.001),
         working_distance_mm=_DEPTH_LIMITS_MM,

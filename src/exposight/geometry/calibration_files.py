@@ -73,6 +73,11 @@ KNOWN_KEYS: Mapping[str, CalibrationKeys] = {
 class ProjectorCamera:
     """A calibrated camera and projector.
 
+    Calibration files hold ``projector_from_camera``, the motion that takes a point from the
+    camera's frame to the projector's (``Rp`` and ``Tp`` of SLStudio): its translation is *not*
+    the projector's position. Sensors hold the projector's pose in the camera's frame, which is the
+    inverse, ``camera_from_projector``. Here is where one becomes the other.
+
     Parameters
     ----------
     camera, projector : PinholeCamera
@@ -84,6 +89,44 @@ class ProjectorCamera:
     camera: PinholeCamera
     projector: PinholeCamera
     projector_from_camera: RigidTransform
+
+    @property
+    def camera_from_projector(self) -> RigidTransform:
+        """The projector's pose in the camera's frame, as sensors hold it."""
+        return self.projector_from_camera.inverse()
+
+    @classmethod
+    def from_pose(
+        cls, camera: PinholeCamera, projector: PinholeCamera, camera_from_projector: RigidTransform
+    ) -> ProjectorCamera:
+        """Describe a projector by its pose in the camera's frame."""
+        return cls(
+            camera=camera,
+            projector=projector,
+            projector_from_camera=camera_from_projector.inverse(),
+        )
+
+    def to_slstudio(self) -> str:
+        """Write an OpenCV YAML file that names its nodes as SLStudio does."""
+        keys = KNOWN_KEYS["slstudio"]
+        file = cv2.FileStorage(
+            ".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
+        )
+        for matrix, distortion, lens in (
+            (keys.camera_matrix, keys.camera_distortion, self.camera),
+            (keys.projector_matrix, keys.projector_distortion, self.projector),
+        ):
+            file.write(matrix, lens.matrix)
+            file.write(distortion, np.array(lens.distortion or (0.0,) * 5)[None])
+        file.write(keys.rotation, self.projector_from_camera.rotation)
+        file.write(keys.translation_mm, self.projector_from_camera.translation_mm[:, None])
+        for sizes, lens in (
+            (keys.camera_size, self.camera),
+            (keys.projector_size or (), self.projector),
+        ):
+            for key, size in zip(sizes, (lens.width, lens.height), strict=True):
+                file.write(key, size)
+        return str(file.releaseAndGetString())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,31 +161,18 @@ class OpenCVFile:
             raise FormatError(msg)
         return array
 
-    def number(self, key: str) -> float:
-        """Return a node that is one number; errors as for `matrix`."""
-        array = self.matrix(key)
-        if array.size != 1:
-            msg = f"{self.path}: node '{key}' must be one number, got shape {array.shape}"
+    def whole_numbers(self, key: str, count: int) -> list[int]:
+        """Return a node that is so many integers; errors as for `matrix`."""
+        numbers = self.matrix(key).reshape(-1).tolist()
+        if len(numbers) != count:
+            expected = "one number" if count == 1 else f"{count} numbers"
+            msg = f"{self.path}: node '{key}' must be {expected}, got {len(numbers)}"
             raise FormatError(msg)
-        return float(array.reshape(-1)[0])
-
-    def whole_number(self, key: str) -> int:
-        """Return a node that is one integer; errors as for `matrix`."""
-        return self._whole(key, self.number(key))
-
-    def whole_pair(self, key: str) -> tuple[int, int]:
-        """Return a node that is two integers; errors as for `matrix`."""
-        array = self.matrix(key).reshape(-1)
-        if array.size != 2:
-            msg = f"{self.path}: node '{key}' must be two numbers, got {array.size}"
-            raise FormatError(msg)
-        return self._whole(key, array[0]), self._whole(key, array[1])
-
-    def _whole(self, key: str, number: float) -> int:
-        if not float(number).is_integer():
-            msg = f"{self.path}: node '{key}' must be whole, got {number}"
-            raise FormatError(msg)
-        return int(number)
+        for number in numbers:
+            if not number.is_integer():
+                msg = f"{self.path}: node '{key}' must be whole, got {number}"
+                raise FormatError(msg)
+        return [int(number) for number in numbers]
 
     def _node(self, key: str) -> NDArray[np.float64] | float | str:
         if key not in self.nodes:
@@ -179,16 +209,16 @@ def read_opencv_file(path: str | Path) -> OpenCVFile:
         msg = f"{path}: no such calibration file"
         raise MissingFileError(msg)
     text = path.read_text(encoding="utf-8", errors="replace").lstrip("\ufeff").lstrip()
-    own_lines = 0
+    header_lines = 0
     if not text.startswith(("<", "%YAML", "{")):
         text = _opencv_yaml(text)
-        own_lines = _HEADER.count("\n")
+        header_lines = _HEADER.count("\n")
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
         nodes = dict(_walk(root, "")) if root.isMap() else {}
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
-        reason = _reason(str(error.__cause__ or error), own_lines)
+        reason = _reason(str(error.__cause__ or error), header_lines)
         msg = (
             f"{path}: not an OpenCV YAML or XML file ({reason}); expected a calibration as OpenCV "
             "or ROS camera_info writes it"
@@ -203,21 +233,16 @@ def read_opencv_file(path: str | Path) -> OpenCVFile:
 _HEADER = "%YAML:1.0\n---\n"
 
 
-def _reason(error: str, own_lines: int) -> str:
-    """Return what OpenCV's parser says, with the line that it speaks of.
+def _reason(error: str, header_lines: int) -> str:
+    """Return the message of OpenCV's parser, ``… in function '(6): Missing ':''``, with its line.
 
-    Parameters
-    ----------
-    error : str
-        Its message, ``… in function '(6): Missing ':''``.
-    own_lines : int
-        How many lines were put before the file's own.
+    `header_lines` are those that were put before the file's first line.
     """
-    said = error.strip().rpartition("in function '")[2].removesuffix("'")
-    line = re.match(r"\((\d+)\): ", said)
+    message = error.strip().rpartition("in function '")[2].removesuffix("'")
+    line = re.match(r"\((\d+)\): ", message)
     if line is None:
-        return said
-    return f"line {max(int(line[1]) - own_lines, 1)}: {said[line.end() :]}"
+        return message
+    return f"line {max(int(line[1]) - header_lines, 1)}: {message[line.end() :]}"
 
 
 def _opencv_yaml(text: str) -> str:
@@ -231,27 +256,27 @@ def _opencv_yaml(text: str) -> str:
 
 
 def _walk(node: cv2.FileNode, prefix: str) -> list[tuple[str, NDArray[np.float64] | float | str]]:
-    found: list[tuple[str, NDArray[np.float64] | float | str]] = []
+    nodes: list[tuple[str, NDArray[np.float64] | float | str]] = []
     for key in node.keys():  # noqa: SIM118  (an OpenCV node, not a mapping)
         child = node.getNode(key)
         name = f"{prefix}{key}"
         if child.isMap():
             matrix = child.mat() if _is_matrix(child) else None
             if matrix is not None:
-                found.append((name, np.asarray(matrix, dtype=np.float64)))
+                nodes.append((name, np.asarray(matrix, dtype=np.float64)))
             else:
-                found.extend(_walk(child, f"{name}."))
+                nodes.extend(_walk(child, f"{name}."))
         elif child.isSeq():
             items = [child.at(i) for i in range(child.size())]
             if all(item.isReal() or item.isInt() for item in items):
-                found.append((name, np.array([item.real() for item in items])))
+                nodes.append((name, np.array([item.real() for item in items])))
             else:
-                found.append((name, "a list with more in it than numbers"))
+                nodes.append((name, "a list with more in it than numbers"))
         elif child.isString():
-            found.append((name, child.string()))
+            nodes.append((name, child.string()))
         elif child.isReal() or child.isInt():
-            found.append((name, float(child.real())))
-    return found
+            nodes.append((name, float(child.real())))
+    return nodes
 
 
 def _is_matrix(node: cv2.FileNode) -> bool:
@@ -339,9 +364,10 @@ def _recognise(file: OpenCVFile) -> CalibrationKeys:
 
 def _size(file: OpenCVFile, keys: tuple[str, str]) -> tuple[int, int]:
     if keys[0] == keys[1]:
-        height, width = file.whole_pair(keys[0])
+        height, width = file.whole_numbers(keys[0], 2)
         return width, height
-    return file.whole_number(keys[0]), file.whole_number(keys[1])
+    (width,), (height,) = (file.whole_numbers(key, 1) for key in keys)
+    return width, height
 
 
 _ROS_NAMES = {

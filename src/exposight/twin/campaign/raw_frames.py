@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
-
 from exposight.cell import png_bytes
 from exposight.files.durable import write_durably
+from exposight.geometry import ProjectorCamera
 from exposight.imaging import sequence_to_toml
 from exposight.twin.sensors import LIMITS, STRIPES
 
@@ -21,11 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    import numpy as np
     from numpy.typing import NDArray
 
-    from exposight.cell import ActiveSensor, Projector
-    from exposight.geometry import PinholeCamera
-
+    from exposight.cell import ActiveSensor
 
 SEQUENCE_FILE, CALIBRATION_FILE = "sequence.toml", "calibration.yml"
 FRAME_PATTERN = "frame-*.png"
@@ -54,9 +51,12 @@ def keep_meaning(campaign: Path, sensor: ActiveSensor, *, wanted: bool) -> None:
         If the disk refuses.
     """
     if wanted and sensor.projector is not None and len(sensor.cameras) == 1:
-        calibration = _calibration_yaml(sensor.camera, sensor.projector)
+        projector = sensor.projector
+        rig = ProjectorCamera.from_pose(
+            sensor.camera, projector.camera, projector.camera_from_projector
+        )
         write_durably(campaign / SEQUENCE_FILE, _sequence_toml().encode())
-        write_durably(campaign / CALIBRATION_FILE, calibration.encode())
+        write_durably(campaign / CALIBRATION_FILE, rig.to_slstudio().encode())
         return
     for name in (SEQUENCE_FILE, CALIBRATION_FILE):  # of an earlier run with another choice
         (campaign / name).unlink(missing_ok=True)
@@ -69,21 +69,3 @@ def _sequence_toml() -> str:
         "# periods between coarse and fine phases.\n"
     )
     return header + sequence_to_toml(replace(STRIPES, file_pattern=FRAME_PATTERN))
-
-
-def _calibration_yaml(camera: PinholeCamera, projector: Projector) -> str:
-    lamp, projector_from_camera = projector.camera, projector.camera_from_projector.inverse()
-    file = cv2.FileStorage(
-        ".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
-    )
-    for name, lens in (("c", camera), ("p", lamp)):
-        file.write(f"K{name}", lens.matrix)
-        file.write(f"k{name}", np.array(lens.distortion or (0.0,) * 5)[None])
-    file.write("Rp", projector_from_camera.rotation)
-    file.write("Tp", projector_from_camera.translation_mm[:, None])
-    for name, value in (
-        *(("frameWidth", camera.width), ("frameHeight", camera.height)),
-        *(("screenResX", lamp.width), ("screenResY", lamp.height)),
-    ):
-        file.write(name, value)
-    return str(file.releaseAndGetString())
