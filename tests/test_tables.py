@@ -42,7 +42,7 @@ def table():
         ],
         (
             Column(name="model"),
-            Column(name="rmse", digits=3, quantity="target"),
+            Column(name="rmse", digits=3, error_of="target"),
             Column(name="n"),
             Column(name="right"),
         ),
@@ -51,6 +51,21 @@ def table():
 
 def test_values_are_shown_in_the_unit_of_their_row_s_quantity(table):
     assert table.cells() == [("q_k4", "15.1 %", "1 475", "yes"), ("e_k6", "35.2 ms", "8", "–")]
+
+
+@pytest.mark.parametrize(
+    ("column", "heading"),
+    [
+        (Column(name="x_mm"), "x\nmm"),
+        (Column(name="w_deg"), "w\n°"),
+        (Column(name="depth_range_mm"), "depth range\nmm"),
+        (Column(name="p_norm"), "p_norm"),
+        (Column(name="log_likelihood"), "log likelihood"),
+        (Column(name="seconds", label="s"), "s"),
+    ],
+)
+def test_units_stand_below_the_headings(column, heading):
+    assert column.heading == heading
 
 
 def test_words_are_told_from_numbers(table):

@@ -1,6 +1,8 @@
 """Run the command line as ``python -m exposight``."""
 
+import sys
+
 from exposight.cli import main
 
-if __name__ == "__main__":  # the demonstration's worker processes import this module too
-    main()
+if __name__ == "__main__":  # worker processes import this module too
+    sys.exit(main())

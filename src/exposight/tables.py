@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from exposight.quantities import QUANTITIES, quantity
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
 NO_VALUE = "–"
-
-_SHOWN = {"p_norm": (100.0, "%"), "exposure_ms": (1.0, "ms")}
-"""Scale and unit that errors of a quantity are shown in: p_norm's in % of full scale (Table 2)."""
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -57,33 +56,44 @@ class Column:
     name : str
         In the frame, and in CSV and JSON.
     label : str
-        Heading, which may have several lines; the name by default.
-    digits : int
-        Significant digits of numbers.
+        Heading, which may have several lines; the name above its unit by default.
+    digits : int, optional
+        Significant digits of numbers; 4 where the catalogue of quantities has no decimals.
     decimals : int, optional
         Decimals of numbers, in place of significant digits.
     scale : float
         Numbers are shown times this: 100 for a share in percent.
-    quantity : str
-        Column of the frame that says which quantity each row's value is of, such as ``p_norm``; the
-        value is then shown in that quantity's scale, with its unit.
+    error_of : str
+        Column of the frame that says which quantity each row's value is an error of, such as
+        ``p_norm``; the value is then shown in the unit of that quantity's errors.
     wraps : bool
         Whether long text may be broken into several lines.
     """
 
     name: str
     label: str = ""
-    digits: int = 4
+    digits: int | None = None
     decimals: int | None = None
     scale: float = 1.0
-    quantity: str = ""
+    error_of: str = ""
     wraps: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Label, or the name without its unit and the unit below."""
+        unit = quantity(self.name).suffix
+        words = self.name if self.name in QUANTITIES else self.name.replace("_", " ")
+        if not self.label and self.name.endswith(("_ms", "_mm", "_deg")):
+            return f"{words[: -1 - len(self.name.rpartition('_')[2])]}\n{unit}"
+        return self.label or words
 
     def cell(self, row: Mapping[str, Any]) -> str:
         """Return the value that a row has in this column, as people read it."""
-        scale, unit = _SHOWN.get(row[self.quantity], (1.0, "")) if self.quantity else (1.0, "")
-        text = self._text(row[self.name], self.scale * scale)
-        return f"{text} {unit}" if unit and text != NO_VALUE else text
+        if not self.error_of:
+            return self._text(row[self.name], self.scale)
+        judged = quantity(row[self.error_of])
+        text = self._text(row[self.name], judged.error_factor)
+        return f"{text} {judged.error_unit}".rstrip() if text != NO_VALUE else text
 
     def _text(self, value: Any, scale: float) -> str:
         match value:
@@ -94,9 +104,12 @@ class Column:
             case int() if scale == 1.0 and self.decimals is None:
                 return count(value)
             case int() | float():
-                if self.decimals is None:
-                    return number(scale * value, self.digits)
-                return fixed(scale * value, self.decimals)
+                decimals = self.decimals
+                if decimals is None and self.digits is None and self.name in QUANTITIES:
+                    decimals = QUANTITIES[self.name].digits
+                if decimals is not None:
+                    return fixed(scale * value, decimals)
+                return number(scale * value, self.digits or 4)
             case list() | tuple():
                 return ", ".join(self._text(item, scale) for item in value)
         return str(value)
@@ -116,12 +129,15 @@ class Table:
         What is shown, in this order; the first column names the row.
     title : str
         Stands above the table.
+    shown_rows : int, optional
+        A terminal shows so many rows at most; none and nothing of the table at 0.
     """
 
     name: str
     frame: pl.DataFrame
     columns: tuple[Column, ...]
     title: str = ""
+    shown_rows: int | None = None
 
     @classmethod
     def of(
@@ -152,7 +168,7 @@ class Table:
         return self.frame.select([column.name for column in self.columns]).write_csv().encode()
 
     def __str__(self) -> str:
-        rows = [tuple(column.label or column.name for column in self.columns), *self.cells()]
+        rows = [tuple(column.heading for column in self.columns), *self.cells()]
         widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
         left = [self.is_text(column) for column in self.columns]
         return "\n".join(
@@ -164,7 +180,7 @@ class Table:
         )
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{html.escape(each.label or each.name)}</th>" for each in self.columns)
+        head = "".join(f"<th>{html.escape(each.heading)}</th>" for each in self.columns)
         body = "".join(
             f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>"
             for cells in self.cells()

@@ -1,4 +1,4 @@
-"""Wrong calls for machines: one JSON object, like every other error."""
+"""Wrong calls and failures: exit status, one line for people, one JSON object for machines."""
 
 import json
 
@@ -8,52 +8,58 @@ import pytest
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("train", "--json"), "Missing argument 'OBSERVATIONS'."),
-        (("train", "o.csv", "--jsn", "--json"), "No such option: --jsn"),
-        (("train", "o.csv", "--seed", "one", "--json"), "Invalid value for '--seed'"),
-        (("split", "o.csv", "--by", "colour", "--json"), "'feature', 'view', 'row'"),
-        (("observe", "--json"), "give a campaign's folder"),
-        (("lern", "--json"), "No such command 'lern'."),
-        (("--loud", "train", "--json"), "No such option: --loud"),
-        (("reproduce", "--sensor", "tof", "--json"), "structured-light, stereo, both"),
+        (("train",), "OBSERVATIONS is missing"),
+        (("train", "o.csv", "--restart", "3"), "Did you mean --restarts?"),
+        (("train", "o.csv", "--seed", "one"), "--seed"),
+        (("train", "o.csv", "--restarts", "0"), "Must be > 0"),
+        (("split", "o.csv", "--by", "features"), 'Did you mean "feature"?'),
+        (("observe", "--cloud-unit", "mmm"), '"mm", "cm", "m"'),
+        (("observe",), "give a campaign's folder"),
+        (("observe", "folder", "--exposure-ms", "3"), "not both"),
+        (("observe", "--image", "a.png", "--exposure-ms", "3"), "also needs --cloud"),
+        (("predict", "m.exposight-model"), "give a table of observations"),
+        (("evaluate", "q.exposight-model"), "the observations are missing"),
+        (("evaluate", "o.csv", "q.exposight-model"), "the observations, o.csv, come last"),
+        (("evaluate", "o.csv"), "the models are missing"),
+        (("decode", ".", "-c", "c.xml", "-s", "board", "--depth-limits", 9, 3), "NEAR < FAR"),
+        (("reproduce", "--sensors", "tof"), '"structured-light", "stereo"'),
+        (("trian",), "did you mean 'train'?"),
+        (("--loud", "train"), "unknown option --loud"),
     ],
 )
-def test_a_wrong_call_is_one_json_object(words, message, run):
-    result = run(*words)
-    assert result.exit_code == 2
-    assert result.stderr == ""
-    error = json.loads(result.stdout)["error"]
+def test_a_wrong_call_ends_with_status_two(words, message, run):
+    ended = run(*words)
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    first, second = ended.stderr.splitlines()
+    assert first.startswith("error: ")
+    assert message in first
+    assert "--help" in second
+    for_machines = run(*words, "--json")
+    assert (for_machines.exit_code, for_machines.stderr) == (2, "")
+    error = json.loads(for_machines.stdout)["error"]
     assert error["type"] == "UsageError"
-    assert message in error["message"]
+    assert f"error: {error['message']}" == first
 
 
-def test_a_missing_file_is_one_json_object(tmp_path, run):
-    result = run("train", tmp_path / "none.csv", "--json")
-    assert result.exit_code == 1
-    error = json.loads(result.stdout)["error"]
-    assert error == {
-        "type": "MissingFileError",
-        "message": f"{tmp_path / 'none.csv'}: no such observation table",
-    }
-
-
-def test_people_see_the_form_of_the_call(run):
-    result = run("train")
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert "Usage: exposight train" in result.stderr
+def test_a_failure_is_one_line_or_one_json_object(tmp_path, run):
+    path = tmp_path / "none.csv"
+    message = f"{path}: no such observation table"
+    ended = run("train", path)
+    assert (ended.exit_code, ended.stdout) == (1, "")
+    assert ended.stderr == f"error: {message}\n"
+    ended = run("train", path, "--json")
+    assert (ended.exit_code, ended.stderr) == (1, "")
+    assert json.loads(ended.stdout) == {"error": {"type": "MissingFileError", "message": message}}
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "meant"),
     [
-        (("split", "o.csv", "--by", "features"), "'row'; did you mean 'feature'?"),
-        (("observe", "--cloud-unit", "mmm"), "did you mean 'mm'?"),
-        (("split", "o.csv", "--seed", "x"), "Invalid value for '--seed': expected a whole number"),
-        (("split", "o.csv", "--share", "x"), "Invalid value for '--share': expected a number"),
+        (("simulate", "smal"), "'small'"),
+        (("info", "stereo_x"), "'stereo-x'"),
+        (("train", "o.csv", "-m", "q-k4"), "'q_k4'"),
+        (("decode", ".", "-c", "c.xml", "-s", "skull2x3"), "'skull_2x3'"),
     ],
 )
-def test_a_value_that_cannot_be_says_what_was_expected(words, message, run):
-    told = json.loads(run(*words, "--json").stdout)["error"]["message"]
-    assert message in told
-    assert "Value error" not in told
+def test_names_that_are_nearly_right_are_suggested(words, meant, run):
+    assert f"did you mean {meant}?" in run(*words).stderr

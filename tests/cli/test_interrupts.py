@@ -31,11 +31,11 @@ def interrupted_at(module, *words):
         stdout, stderr = process.communicate(timeout=60)
     finally:
         process.kill()
-    told = [line for line in stderr.splitlines() if not line.startswith("import time:")]
-    return process.returncode, stdout, told
+    lines = [line for line in stderr.splitlines() if not line.startswith("import time:")]
+    return process.returncode, stdout, lines
 
 
-@pytest.mark.parametrize("module", ["typer", "numpy.linalg", "numba.core.types", "cv2"])
+@pytest.mark.parametrize("module", ["cyclopts", "numpy.linalg", "numba.core.types", "cv2"])
 def test_while_modules_are_imported(module):
     status, stdout, told = interrupted_at(module, "observe", "none")
     assert status == 130

@@ -1,6 +1,5 @@
 """A flat plate of twelve holes, seen from three heights at six exposures, as a small campaign."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from exposight.cell import (
     ActiveSensor,
@@ -22,7 +20,6 @@ from exposight.cell import (
     write_features,
     write_sensor,
 )
-from exposight.cli.app import app
 from exposight.geometry import PinholeCamera, RigidTransform
 
 HEIGHTS_MM = (560.0, 600.0, 640.0)
@@ -104,28 +101,6 @@ def single(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def run() -> Callable[..., Any]:
-    """Run the command line in this process."""
-
-    def invoke(*arguments: object) -> Any:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-    return invoke
-
-
-@pytest.fixture(scope="session")
-def run_json(run: Callable[..., Any]) -> Callable[..., dict[str, Any]]:
-    """Run with --json and return the document, which must be all of standard output."""
-
-    def invoke(*arguments: object) -> dict[str, Any]:
-        result = run(*arguments, "--json")
-        assert result.exit_code == 0, result.stdout
-        return json.loads(result.stdout)
-
-    return invoke
-
-
-@pytest.fixture(scope="session")
 def observations(campaign: Path, run_json: Callable[..., Any]) -> Path:
     path = campaign.parent / "observations.csv"
     run_json("observe", campaign, "-o", path)
@@ -136,7 +111,7 @@ def observations(campaign: Path, run_json: Callable[..., Any]) -> Path:
 def models(campaign: Path, observations: Path, run_json: Callable[..., Any]) -> Path:
     folder = campaign.parent / "models"
     run_json(
-        *("train", observations, "-m", "q_k4", "-m", "e_k4", "-o", folder),
+        *("train", observations, "-m", "q_k4", "-m", "e_k4", "-o", folder, "--workers", 1),
         *("--sensor", campaign / "sensor.json", "--restarts", 1),
     )
     return folder

@@ -1,7 +1,5 @@
 """What the command line says where a call cannot work: one line, and the right exit status."""
 
-import json
-
 import pytest
 
 POSE = ("--x-mm", 50, "--y-mm", 0, "--z-mm", 0)
@@ -36,7 +34,12 @@ def single_options(single):
 
 
 def observe_single(options, folder):
-    return ["observe", *(word for own in options.items() for word in own), "-o", folder / "o.csv"]
+    return [
+        "observe",
+        *(word for option in options.items() for word in option),
+        "-o",
+        folder / "o.csv",
+    ]
 
 
 # -- tables -------------------------------------------------------------------------------------
@@ -52,7 +55,7 @@ def test_a_table_with_another_unit(observations, tmp_path, failing):
 def test_a_table_with_another_header(tmp_path, failing):
     path = tmp_path / "other.csv"
     path.write_text("a,b\n1,2\n", encoding="utf-8")
-    assert "wrong header" in failing("evaluate", tmp_path / "no-model", path)
+    assert "missing columns feature, view" in failing("evaluate", tmp_path / "no-model", path)
 
 
 def test_a_missing_table(models, tmp_path, failing):
@@ -147,14 +150,12 @@ def test_something_else_than_a_model(observations, failing):
 def test_a_missing_input(models, run):
     result = run("predict", models / "q_k4.exposight-model", "--i-avg", 100, "--x-mm", 1)
     assert result.exit_code == 2
-    message = " ".join(result.stderr.replace("│", " ").split())
-    assert "give the missing --z-mm, --y-mm too" in message
+    assert "give the missing --z-mm, --y-mm too" in result.stderr
 
 
-def test_an_impossible_grey_value(models, run):
-    result = run("predict", models / "q_k4.exposight-model", "--i-avg", 300, *POSE)
-    assert result.exit_code == 2
-    assert "from 0 to 255, got 300" in " ".join(result.stderr.replace("│", " ").split())
+def test_an_impossible_grey_value(models, failing):
+    message = failing("predict", models / "q_k4.exposight-model", "--i-avg", 300, *POSE)
+    assert "grey levels from 0 to 255, got 300" in message
 
 
 def test_a_table_without_the_model_s_inputs(models, tmp_path, failing):
@@ -236,64 +237,21 @@ def test_a_file_that_nobody_knows(tmp_path, failing):
     path = tmp_path / "notes.doc"
     path.write_text("…", encoding="utf-8")
     message = failing("info", path)
-    assert "it knows a campaign's folder, a model" in message
-    assert "a measuring plan (.toml, .yaml, .yml or a name" in message
+    assert "it knows campaign (folder with campaign.json)" in message
 
 
 def test_a_missing_file(tmp_path, failing):
-    assert "no such file or folder, nor a measuring plan" in failing("info", tmp_path / "none.ply")
+    assert "no such file or folder, nor a plan or sensor" in failing("info", tmp_path / "none.ply")
 
 
 def test_a_table_of_something_else(tmp_path, failing):
     path = tmp_path / "prices.csv"
     path.write_text("item,price\n", encoding="utf-8")
-    assert "a table of item, price; expected observations" in failing("info", path)
-
-
-def test_a_recording_that_is_not_there(tmp_path, failing):
-    message = failing("demo", "--data", tmp_path, "-o", tmp_path / "out")
-    assert "no skull recording" in message
-    assert "--data" in message
-
-
-# -- the call itself ----------------------------------------------------------------------------
-
-
-def test_errors_are_one_json_object_for_machines(tmp_path, run):
-    result = run("info", tmp_path / "none.ply", "--json")
-    assert result.exit_code == 1
-    error = json.loads(result.stdout)["error"]
-    assert error["type"] == "MissingFileError"
-    assert "no such file" in error["message"]
-    assert result.stderr == ""
-
-
-@pytest.mark.parametrize(
-    ("arguments", "told"),
-    [
-        (["observe"], "give a campaign's folder"),
-        (["observe", "folder", "--exposure-ms", "3"], "not both"),
-        (["observe", "--image", "a.png", "--exposure-ms", "3"], "also needs --cloud"),
-        (["predict", "m.exposight-model"], "give a table of observations"),
-        (["predict", "m.exposight-model", "--i-avg", "3", "-o", "a.csv"], "--output"),
-        (["train"], "Missing argument"),
-        (["train", "o.csv", "--restarts", "0"], "restarts"),
-        (["learn"], "No such command"),
-        (["evaluate", "q.exposight-model"], "the observations are missing: exposight evaluate"),
-        (["evaluate", "o.csv", "q.exposight-model"], "the observations, o.csv, come last"),
-        (["evaluate", "o.csv"], "the models are missing"),
-        (["simulate", "--list", "small"], "--list lists all plans"),
-        (["simulate", "small", "--export-scene", "x", "--rings-only"], "simulates nothing"),
-    ],
-)
-def test_a_wrong_call_ends_with_status_two(arguments, told, run):
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert told in " ".join(result.stderr.replace("│", " ").split())
+    assert "not something that exposight knows" in failing("info", path)
 
 
 def test_a_pose_given_twice(single_options, tmp_path, run):
     call = observe_single(single_options, tmp_path)
-    result = run(*call, "--robot-pose", "fanuc", "0,0,600,0,0,0")
+    result = run(*call, "--robot-pose", "fanuc", "-1,0,600,0,0,0")
     assert result.exit_code == 2
-    assert "give the pose once" in " ".join(result.stderr.replace("│", " ").split())
+    assert "give the pose once" in result.stderr

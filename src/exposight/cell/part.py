@@ -40,8 +40,10 @@ class RingTolerance:
     ----------
     height_mm : float, mm
         h of the hollow cylinder: how thick a slice of space counts as the surface.
-    inner_mm, outer_mm : float, mm
-        r_tol,i and r_tol,o: the ring begins and ends this far outside the feature's edge.
+    inner_mm : float, mm
+        r_tol,i: the ring begins this far outside the feature's edge.
+    outer_mm : float, mm
+        r_tol,o: the ring ends this far outside the feature's edge.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The ``exposight`` program: its commands, and what becomes of errors.
+"""The ``exposight`` program: its commands, and what becomes of their results and errors.
 
 A failure that exposight foresees ends in one line on standard error and exit status 1, a wrong call
 in status 2, Ctrl-C in 130; with ``--json``, each in one JSON object on standard output.
@@ -8,36 +8,32 @@ from __future__ import annotations
 
 import errno
 import io
-import re
 import sys
-from contextlib import contextmanager
-from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-from typer.core import TyperCommand, TyperGroup
+from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts.exceptions import MissingArgumentError
 
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
-from exposight.cli.output import print_error, quit_quietly
+from exposight.cli.terminal import print_error, print_json, quit_quietly
 from exposight.errors import ExposightError, did_you_mean
 from exposight.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
+    from collections.abc import Sequence
 
 COMMANDS = {
-    "demo": "Run the whole method once, on a simulated cell or a recording.",
+    "demo": "Run the whole method once on a simulated cell.",
     "simulate": "Carry out a measuring plan in a simulated cell.",
-    "sensor": "Describe a sensor by its calibration, for the other commands.",
+    "sensor": "Describe a sensor from its calibration.",
     "decode": "Decode recorded stripe frames to an organised point cloud.",
-    "observe": "Measure every feature in every capture: quality, brightness, pose.",
-    "split": "Split a table of observations into one to train and one to test.",
-    "train": "Train the paper's models on observations.",
-    "evaluate": "Hold models against observations that they have not seen.",
-    "predict": "Predict quality or exposure time, and say how far to believe it.",
-    "reproduce": "Repeat the paper's study, and hold it against the published numbers.",
-    "info": "Say what a file or folder is, and what is in it.",
+    "observe": "Measure quality, brightness and pose of every feature in every capture.",
+    "split": "Split an observation table into training and test data.",
+    "train": "Train models on observations.",
+    "evaluate": "Evaluate models on held-out observations.",
+    "predict": "Predict quality or exposure time from poses.",
+    "reproduce": "Repeat the paper's study and compare it with the published numbers.",
+    "info": "Identify a file or folder and summarise its content.",
 }
 """The commands in the order of the help, with the first line of their own.
 
@@ -45,135 +41,118 @@ Command NAME is the function ``NAME_command`` of module ``exposight.cli.NAME``, 
 called: all of them together take seconds, which nobody who asks for help should wait.
 """
 
-_CONTEXT = {"help_option_names": ["-h", "--help"]}
+
+_COMMON_OPTIONS = {"--help", "-h", "--version", "--json"}
 
 
-def load_command(name: str) -> Any:
-    """Import one of `COMMANDS` and return it as typer's command."""
-    module = import_module(f"exposight.cli.{name}")
-    own = typer.Typer(
-        add_completion=False,
-        rich_markup_mode="rich",
-        pretty_exceptions_enable=False,
-        context_settings=_CONTEXT,
-    )
-    own.command(name)(getattr(module, f"{name}_command"))
-    return typer.main.get_command(own)
+class UsageError(Exception):
+    """A command is called with options that do not go together."""
 
 
-class _Command(TyperCommand):
-    """A command's name and summary; the command itself once it is called."""
-
-    def __init__(self, name: str, summary: str) -> None:
-        super().__init__(name, help=summary)
-
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
-    ) -> Any:
-        with ended_by_interrupts():
-            command = load_command(str(self.name))
-        return command.make_context(info_name, args, parent, **extra)
+def _shown_default(value: Any) -> str | None:
+    """Return a default as the help shows it; flags and missing values have none."""
+    if value is None or isinstance(value, bool):
+        return None
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value)) or None
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-class _Program(TyperGroup):
-    """The commands, whose foreseen failures are told in a line instead of a traceback."""
-
-    def __init__(self, **attributes: Any) -> None:
-        super().__init__(**attributes)
-        for name, summary in COMMANDS.items():
-            self.add_command(_Command(name, summary))
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        with _told(as_json="--json" in args):
-            return super().parse_args(ctx, args)
-
-    def invoke(self, ctx: Any) -> Any:
-        with _told(as_json="--json" in ctx.args):
-            return super().invoke(ctx)
-
-
-@contextmanager
-def _told(*, as_json: bool) -> Iterator[None]:
-    """Tell foreseen failures, and leave with the exit status that they have."""
-    try:
-        yield
-    except ExposightError as error:
-        print_error(type(error).__name__, str(error), as_json=as_json)
-        raise typer.Exit(1) from error
-    except OSError as error:
-        if error.errno == errno.EPIPE:  # the reader of our output left
-            quit_quietly()
-        place = f"{error.filename}: " if error.filename else ""
-        print_error("FileError", f"{place}{error.strerror or error}", as_json=as_json)
-        raise typer.Exit(1) from error
-    except typer.TyperException as error:  # a wrong call
-        error.message = _plainer(error.message)
-        if not as_json:  # typer shows the call's form, too
-            raise
-        print_error("UsageError", error.format_message(), as_json=True)
-        raise typer.Exit(error.exit_code) from error
-    except KeyboardInterrupt as error:
-        message = str(error)  # a command may know more
-        message = message or "stopped by Ctrl-C; what was captured or finished before is kept"
-        print_error("Interrupted", message, as_json=as_json)
-        raise typer.Exit(INTERRUPTED) from error
-
-
-def _plainer(message: str) -> str:
-    """Say what a value of an option had to be, without the words of who checks it."""
-    message = message.replace("Value error, ", "")
-    for kind, expected in (("an integer", "a whole number"), ("a number", "a number")):
-        unread = rf"Input should be a valid (integer|number), unable to parse string as {kind}"
-        message = re.sub(unread, f"expected {expected}", message)
-    choice = re.fullmatch(r"(?s).*?'([^']+)' is not one of (.*?)\.?", message)
-    if choice is None:
-        return message
-    return message.rstrip(".") + did_you_mean(choice[1], re.findall(r"'([^']+)'", choice[2]))
-
-
-app = typer.Typer(
+app = App(
     name="exposight",
-    cls=_Program,
-    help=(
-        "Predict point-cloud quality and exposure time of active 3D sensors.\n\n"
-        "Decode frames to a cloud, observe a part's features in it, train models on\n"
-        "the observations, evaluate them, and predict with them. Begin with the demo.\n"
-        "Lengths are in mm, angles in degrees, exposure times in ms, grey levels 0 to\n"
-        "255 and p_norm 0 to 1."
-    ),
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings=_CONTEXT,
+    help="""Predict point-cloud quality and exposure time of active 3D sensors.
+
+    Decode frames to a cloud, observe a part's features in it, train models on the observations,
+    evaluate them, and predict with them. Start with the demo. Lengths are in mm, angles in degrees,
+    exposure times in ms, grey levels 0 to 255 and p_norm 0 to 1.
+    """,
+    version=f"exposight {__version__}",
+    help_format="markdown",
+    default_parameter=Parameter(negative=(), show_default=_shown_default),
+    group_parameters=Group("Options", sort_key=1),
+    suppress_keyboard_interrupt=False,
+    result_action="return_value",
+    exit_on_error=False,
+    print_error=False,
 )
+for position, (name, summary) in enumerate(COMMANDS.items()):
+    path = f"exposight.cli.{name}:{name}_command"
+    app.command(path, name=name, help=summary, sort_key=position)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"exposight {__version__}")
-        raise typer.Exit
+app.meta.suppress_keyboard_interrupt = False
 
 
-@app.callback()
-def _options(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version",
-            callback=_show_version,
-            is_eager=True,
-            help="Print the version and leave.",
-        ),
-    ] = False,
-) -> None:
-    """Take what stands before the command's name; the program's help is in `app`."""
+@app.meta.default
+def _with_common_options(
+    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    as_json: Annotated[bool, Parameter("--json", group=Group("Output", sort_key=9))] = False,
+) -> Any:
+    """Take the options that every command has.
+
+    Parameters
+    ----------
+    as_json
+        Print one JSON object instead of tables.
+    """
+    result = app(tokens)
+    if result is not None and as_json:
+        print_json(result.document())
+    elif result is not None:
+        result.show()
 
 
-def run() -> None:
-    """Run the program with the command line's arguments, and exit."""
+def run(arguments: Sequence[str]) -> int:
+    """Run a command, print its result or what went wrong, and return the exit status."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal or pipe that has no σ or ² shall show a ? for it, not fail.
             stream.reconfigure(errors="replace")
-    app(prog_name="exposight")
+    command = next((word for word in arguments if not word.startswith("-")), None)
+    try:
+        if arguments and arguments[0].startswith("-") and arguments[0] not in _COMMON_OPTIONS:
+            msg = f"unknown option {arguments[0]} before the command"
+            raise UsageError(msg)
+        if command is not None and command not in COMMANDS:
+            msg = f"unknown command '{command}'{did_you_mean(command, COMMANDS)}"
+            raise UsageError(msg)
+        if command is not None:
+            with ended_by_interrupts():
+                app[command].help = None  # its docstring says more than its summary
+        app.meta(arguments)
+    except (ExposightError, OSError, CycloptsError, UsageError, KeyboardInterrupt) as error:
+        return _report(error, command or "", as_json="--json" in arguments)
+    return 0
+
+
+def _report(error: BaseException, command: str, *, as_json: bool) -> int:
+    """Print a foreseen failure, and return its exit status."""
+    kind, message, hint, status = type(error).__name__, str(error), "", 1
+    match error:
+        case OSError():
+            if error.errno == errno.EPIPE:  # the reader of our output left
+                quit_quietly()
+            place = f"{error.filename}: " if error.filename else ""
+            kind, message = "FileError", f"{place}{error.strerror or error}"
+        case KeyboardInterrupt():
+            kind, status = "Interrupted", INTERRUPTED
+            message = message or "stopped by Ctrl-C; what was finished before is kept"
+        case CycloptsError() | UsageError():
+            kind, status = "UsageError", 2
+            message = _call_message(error)
+            known = command if command in COMMANDS else ""
+            hint = f"exposight {known} --help shows the form of the call".replace("  ", " ")
+    print_error(kind, message, hint=hint, as_json=as_json)
+    return status
+
+
+def _call_message(error: Exception) -> str:
+    """Return what is wrong with a call."""
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        count, _ = error.argument.token_count()
+        if not error.tokens_so_far and error.keyword is None:
+            return f"{error.argument.name} is missing"
+        return f"{error.argument.name} needs {count} value{'s' if count > 1 else ''}"
+    if isinstance(error, CycloptsError):
+        error.verbose = False
+    return str(error)

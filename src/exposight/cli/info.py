@@ -1,40 +1,292 @@
-"""``exposight info``: what a file, folder or named plan is."""
+"""``exposight info``: what a file or folder is, told by its name and content."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
+import cv2
+import numpy as np
 
-from exposight.cli.output import JsonOption, print_facts, print_json
-from exposight.cli.recognise import recognise
+from exposight import cell
+from exposight.cell import CLOUD_SUFFIXES, PRESETS, CampaignFolder
+from exposight.cli.progress import progress_bars
+from exposight.cli.result import Fact, Result, fact
+from exposight.cli.sensor import camera_facts, sensor_facts
+from exposight.cli.simulate import plan_from, plan_summary
+from exposight.cli.train import hyperparameter_table
+from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
+from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
+from exposight.geometry import read_ros_camera_info as read_camera_info
+from exposight.imaging import SEQUENCE_PRESETS, read_sequence
+from exposight.models import MODEL_SUFFIX, is_model_file, load_model
+from exposight.observing import read_observations
+from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
+from exposight.quantities import quantity
+from exposight.tables import number
+from exposight.twin.campaign import RECORD_FILE
+from exposight.twin.part import MESH_FILE, read_scene
 
-_File = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE", help="Any file or folder of the method, or a measuring plan's name."
-    ),
-]
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    Matches = Callable[[Path], bool]
+    Describe = Callable[[Path], Iterator[Fact]]
+
+_IMAGES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm")
+_CLOUDS = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix != ".csv")
+_COLUMNS = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
 
-def info_command(file: _File, as_json: JsonOption = False) -> None:
-    """Say what a file or folder is, and what is in it.
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file or folder: what it is known by, how it is recognised, read and described."""
 
-    Knows campaigns, models, sensors, feature lists, observation tables, point
-    clouds, images and folders of frames, calibrations, pattern sequences and
-    measuring plans. Campaigns and models are verified against their checksums.
+    name: str
+    known_by: str
+    matches: Matches
+    facts: Describe
+
+
+KINDS: list[Kind] = []
+"""Every kind; the first that matches is what a file is."""
+
+
+def _kind(name: str, known_by: str, matches: Matches) -> Callable[[Describe], Describe]:
+    """Register the function that reads a kind of file and yields the facts worth knowing."""
+
+    def register(facts: Describe) -> Describe:
+        KINDS.append(Kind(name, known_by, matches, facts))
+        return facts
+
+    return register
+
+
+def info_command(file: Path, /) -> Result:
+    """Identify a file or folder and summarise its content.
+
+    Knows campaigns, models, sensors, feature lists, observation tables, point clouds, images,
+    folders of frames, calibrations, pattern sequences and measuring plans. Campaigns and models are
+    verified against their checksums.
 
     For example:
 
-      exposight info models/q_k4.exposight-model
+        exposight info models/q_k4.exposight-model
 
-      exposight info small
+        exposight info small
+
+    Parameters
+    ----------
+    file
+        Any of these files or folders, or the name of a measuring plan or sensor preset.
     """
-    found = recognise(file)
-    if as_json:
-        facts = {fact.name.replace(" ", "_"): fact.value for fact in found.facts}
-        print_json({"path": file, "kind": found.kind, "facts": facts})
-        return
-    title = f"{found.kind}, {found.remark}" if found.remark else found.kind
-    print_facts(f"{file}: {title}", [(fact.name, fact.text) for fact in found.facts])
+    names = (*PLANS, *PRESETS)
+    if not file.exists() and str(file) not in names:
+        msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
+        raise MissingFileError(msg + did_you_mean(str(file), names))
+    for kind in KINDS:
+        if kind.matches(file):
+            head = (fact("path", str(file), ""), fact("kind", kind.name, ""))
+            tables = (hyperparameter_table(load_model(file)),) if kind.name == "model" else ()
+            return Result(
+                title=f"{file}: {kind.name}", facts=(*head, *kind.facts(file)), tables=tables
+            )
+    known = ", ".join(f"{kind.name} ({kind.known_by})" for kind in KINDS)
+    msg = f"{file}: not something that exposight knows; it knows {known}"
+    raise FormatError(msg)
+
+
+def _range(name: str, values: Iterable[float]) -> Fact:
+    """Return the smallest and largest finite value of a quantity."""
+    finite = [float(value) for value in values if np.isfinite(value)]
+    if not finite:
+        return fact(name, None)
+    low, high = min(finite), max(finite)
+    text = f"{number(low)} to {number(high)} {quantity(name).suffix}".rstrip()
+    return fact(name, [low, high], text)
+
+
+def _names(name: str, names: Sequence[str]) -> Fact:
+    """Return how many names there are, and the first few."""
+    first = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
+    return fact(name, list(names), f"{len(names)}: {first}" if names else "none")
+
+
+def _named(*suffixes: str, having: str = "") -> Matches:
+    """Match files by suffix and, if given, by words of which one must be in the text."""
+
+    def matches(path: Path) -> bool:
+        if not path.is_file() or path.suffix.lower() not in suffixes:
+            return False
+        text = path.read_text("utf-8-sig", errors="replace") if having else ""
+        return any(words in text for words in having.split("|"))
+
+    return matches
+
+
+@_kind(
+    "campaign",
+    "folder with campaign.json",
+    lambda path: (path / "campaign.json").is_file() or path.name == "campaign.json",
+)
+def _campaign(path: Path) -> Iterator[Fact]:
+    folder = path if path.is_dir() else path.parent
+    campaign = CampaignFolder(folder)
+    keys = campaign.keys()
+    emulated = clouds = 0
+    with progress_bars() as progress:
+        for done, capture in enumerate(campaign.captures(), start=1):  # verifies each, too
+            emulated += capture.emulated
+            clouds += capture.cloud is not None
+            progress("verifying captures", done, len(campaign))
+    yield fact("name", campaign.name)
+    yield fact("part", campaign.part.name)
+    yield fact("sensor", campaign.sensor.name)
+    yield _names("features", [feature.name for feature in campaign.part.features])
+    yield _names("views", sorted({key.view for key in keys}))
+    yield fact("exposures_ms", sorted({key.exposure_ms for key in keys}))
+    yield fact("captures", len(campaign), f"{len(campaign)}, every file verified")
+    yield fact("clouds", clouds)
+    yield fact("emulated", emulated)
+    yield fact("simulated", (folder / RECORD_FILE).is_file())
+
+
+@_kind("scene", f"folder with {MESH_FILE}", lambda path: (path / MESH_FILE).is_file())
+def _scene(path: Path) -> Iterator[Fact]:
+    scene = read_scene(path)
+    yield fact("triangles", len(scene.faces))
+    yield _names("features", [feature.name for feature in scene.part.features])
+
+
+@_kind("model", MODEL_SUFFIX, lambda path: path.suffix == MODEL_SUFFIX or is_model_file(path))
+def _model(path: Path) -> Iterator[Fact]:
+    model = load_model(path)
+    yield fact("model", model.name)
+    yield fact("title", model.title)
+    yield fact("target", model.target)
+    for name, limits in model.training_range.items():
+        yield _range(name, limits)
+    yield fact("observations", model.n_observations)
+    yield fact("sensor", model.sensor.name if model.sensor else None)
+    summary = getattr(model, "summary", None)
+    fit = asdict(summary) if summary else {}
+    for name, value in {**fit, **asdict(model.provenance)}.items():
+        yield fact("trained_on" if name == "observations" else name, value)
+
+
+@_kind(
+    "measuring plan",
+    f"{', '.join(PLAN_SUFFIXES)}, or a name from simulate --list",
+    # Nothing else has exposure times in groups: reading it tells what its first line lacks.
+    lambda path: (
+        _named(*PLAN_SUFFIXES, having=f"{PLAN_FORMAT}|exposures_ms")(path)
+        or (str(path) in PLANS and not path.exists())
+    ),
+)
+def _plan(path: Path) -> Iterator[Fact]:
+    yield from plan_summary(plan_from(str(path)))
+
+
+@_kind(
+    "sensor",
+    ".json, or a preset's name",
+    lambda path: str(path) in PRESETS or _named(".json", having="exposight sensor")(path),
+)
+def _sensor(path: Path) -> Iterator[Fact]:
+    yield from sensor_facts(cell.sensor_named_or_read(str(path)))
+
+
+@_kind("observation table", ".csv", _named(".csv", having="exposure_ms|p_norm"))
+@_kind("observation table", ".parquet", _named(".parquet"))
+def _observations(path: Path) -> Iterator[Fact]:
+    table = read_observations(path)
+    counts = table.counts()
+    yield fact("rows", len(table))
+    yield _names("features", sorted(set(table.names("feature"))))
+    yield _names("views", sorted(set(table.names("view"))))
+    yield fact("visibility", counts, ", ".join(f"{n} {reason}" for reason, n in counts.items()))
+    yield fact("emulated", int(table.frame["emulated"].sum()))
+    for name in _COLUMNS:
+        yield _range(name, table.measured().array([name])[:, 0])
+
+
+@_kind("feature list", ".csv", _named(".csv", having="kind|nx"))
+def _features(path: Path) -> Iterator[Fact]:
+    features = cell.read_features(path)
+    kinds = Counter(feature.kind for feature in features)
+    yield _names("features", [feature.name for feature in features])
+    yield fact("kinds", kinds, ", ".join(f"{n} {kind}" for kind, n in kinds.items()))
+    yield _range("radius_mm", [feature.radius_mm for feature in features])
+
+
+@_kind("point cloud", ".csv", _named(".csv", having="x_mm,y_mm,z_mm"))
+@_kind("point cloud", ", ".join(_CLOUDS), _named(*_CLOUDS))
+def _cloud(path: Path) -> Iterator[Fact]:
+    cloud = cell.read_cloud(path)
+    yield fact("points", cloud.n_valid)
+    yield fact("organised", cloud.organised)
+    yield fact("shape", list(cloud.valid.shape), " × ".join(map(str, cloud.valid.shape)))
+    for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
+        yield _range(name, cloud.valid_points[:, axis])
+    yield fact("unit", "mm", "taken to be mm; the file does not say")
+
+
+@_kind("image", ", ".join(_IMAGES), _named(*_IMAGES))
+def _image(path: Path) -> Iterator[Fact]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        msg = f"{path}: cannot be read as an image; it may be truncated: copy or record it again"
+        raise ImageError(msg)
+    bits = 8 * image.dtype.itemsize
+    clipped = float(np.mean(image == 2**bits - 1))
+    yield fact("size_px", [image.shape[1], image.shape[0]], f"{image.shape[1]} × {image.shape[0]}")
+    yield fact("bits", bits)
+    yield fact("channels", 1 if image.ndim == 2 else image.shape[2])
+    yield _range("grey_levels", (image.min(), image.max()))
+    yield fact("clipped_share", clipped, f"{100 * clipped:.1f} % at full scale")
+
+
+@_kind(
+    "folder of frames",
+    "images in it",
+    lambda path: path.is_dir() and any(map(_named(*_IMAGES), path.iterdir())),
+)
+def _frames(path: Path) -> Iterator[Fact]:
+    frames = sorted(filter(_named(*_IMAGES), path.iterdir()))
+    fitting = [
+        name
+        for name, sequence in SEQUENCE_PRESETS.items()
+        if sum(frame.match(sequence.file_pattern) for frame in frames) == sequence.n_frames
+    ]
+    yield _names("frames", [frame.name for frame in frames])
+    yield fact("fitting_sequences", fitting, ", ".join(fitting) or "none of the presets")
+    yield from _image(frames[0])
+
+
+@_kind("calibration", "OpenCV .xml, .yml, .yaml", _named(".xml", ".yml", ".yaml"))
+def _calibration(path: Path) -> Iterator[Fact]:
+    nodes = set(read_opencv_file(path).nodes)
+    program = next((name for name, keys in KNOWN_KEYS.items() if keys.camera_matrix in nodes), None)
+    yield fact("form", program or "ROS camera_info")
+    if program is None:
+        yield from camera_facts("camera", read_camera_info(path))
+    elif KNOWN_KEYS[program].projector_size is None:
+        yield fact("projector_size_px", None, "not in the file; give --projector-size W H")
+    else:
+        rig = read_projector_camera(path)
+        yield from camera_facts("camera", rig.camera)
+        yield from camera_facts("projector", rig.projector)
+        yield fact("baseline_mm", float(np.linalg.norm(rig.camera_from_projector.translation_mm)))
+
+
+@_kind("pattern sequence", ".toml", _named(".toml"))
+def _sequence(path: Path) -> Iterator[Fact]:
+    sequence = read_sequence(path)
+    yield fact("name", sequence.name)
+    yield fact("frames", sequence.n_frames)
+    yield fact("file_pattern", sequence.file_pattern)
+    yield fact("bits", sequence.bit_depth)
+    for axis, coding, _ in sequence.axes():
+        yield fact(axis, asdict(coding), type(coding).__name__)

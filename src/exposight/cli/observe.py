@@ -2,39 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import numpy as np
-import typer
+from cyclopts import Parameter
 
-from exposight.cell import PAPER_TOLERANCE, PRESETS, CampaignFolder, RingTolerance
-from exposight.cli.arguments import keep_inputs
-from exposight.cli.output import (
-    JsonOption,
-    count,
-    note,
-    number,
-    percent,
-    print_facts,
-    print_json,
-    print_line,
-    print_table,
-    progress_bars,
+from exposight.cell import (
+    PAPER_TOLERANCE,
+    BitDepth,
+    CampaignFolder,
+    Capture,
+    MemoryCampaign,
+    Part,
+    RingTolerance,
+    read_cloud,
+    read_features,
+    sensor_named_or_read,
 )
-from exposight.cli.single_capture import CloudUnit, SingleCapture
+from exposight.cli.app import UsageError
+from exposight.cli.progress import progress_bars
+from exposight.cli.result import Result, Written, fact
 from exposight.errors import FormatError
-from exposight.geometry import POSE_CONVENTIONS
-from exposight.observing import Visibility, observe_campaign
+from exposight.geometry import parse_pose, read_pose
+from exposight.imaging import read_frames
+from exposight.observing import observe_campaign
+from exposight.tables import Column, Table, count
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from exposight.cell import CaptureSource
+    from exposight.geometry import RigidTransform
     from exposight.observing import ObservationTable
 
-_COLUMNS = {
+_RANGES = {
     "exposure_ms": "exposure time, ms",
     "p_norm": "p_norm, share of the ring with points",
-    "i_avg": "i_avg, mean grey of the ring, 0–255",
+    "i_avg": "i_avg, mean grey level of the ring, 0–255",
     "x_mm": "x in the TCP frame, mm",
     "y_mm": "y in the TCP frame, mm",
     "z_mm": "z in the TCP frame, mm",
@@ -47,202 +53,231 @@ _FEW_ROWS = 24
 """So many observations are shown one by one."""
 
 
-def _single(metavar: str, text: str) -> Any:
-    """Return an option of a capture that stands alone."""
-    panel = "Or a single capture, without a campaign folder"
-    return typer.Option(metavar=metavar, help=text, rich_help_panel=panel)
+@Parameter("*", group="Or a single capture, without a campaign folder")
+@dataclass(frozen=True, kw_only=True)
+class SingleCapture:
+    """A capture that stands alone: its files and numbers on the command line.
+
+    Parameters
+    ----------
+    image
+        Stripe image, grey.
+    bit_depth
+        Bit depth of the image (8 by default).
+    cloud
+        Point cloud in the camera's frame.
+    cloud_unit
+        Unit of the cloud (mm by default); its file does not say.
+    features
+        The part's features, CSV (docs/formats.md).
+    sensor
+        Name of a preset (comet-pro-ae, rc-visard-65) or JSON file of a sensor.
+    exposure_ms
+        Exposure time, ms.
+    pose
+        Pose of the part in the camera's frame: text file with a 4×4 matrix, mm.
+    robot_pose
+        The same as a robot writes it: fanuc x,y,z,w,p,r or kuka x,y,z,A,B,C in mm and degrees; abb
+        x,y,z,q1,q2,q3,q4 in mm, scalar part first; ur x,y,z,rx,ry,rz in m and rad.
+    """
+
+    image: Path | None = None
+    bit_depth: BitDepth | None = None
+    cloud: Path | None = None
+    cloud_unit: Literal["mm", "cm", "m"] | None = None
+    features: Path | None = None
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    exposure_ms: float | None = None
+    pose: Path | None = None
+    robot_pose: Annotated[
+        tuple[str, str] | None, Parameter(metavar="ROBOT NUMBERS", allow_leading_hyphen=True)
+    ] = None
+
+    def options(self) -> list[str]:
+        """Return the options that were given."""
+        return [
+            f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None
+        ]
+
+    def source(self) -> MemoryCampaign:
+        """Read the files and return a campaign of this one capture.
+
+        Raises
+        ------
+        UsageError
+            If an option is missing, or the pose is given twice.
+        ExposightError
+            If a file cannot be used.
+        """
+        if (
+            self.image is None
+            or self.cloud is None
+            or self.features is None
+            or self.sensor is None
+            or self.exposure_ms is None
+            or (self.pose is None) == (self.robot_pose is None)
+        ):
+            raise UsageError(self._missing())
+        bit_depth = self.bit_depth or 8
+        frames = read_frames([self.image], bit_depth=bit_depth).frames
+        capture = Capture(
+            view=self.image.stem,
+            exposure_ms=self.exposure_ms,
+            image=cast("NDArray[np.uint8] | NDArray[np.uint16]", frames[0]),
+            cloud=read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
+            camera_from_part=self._camera_from_part(),
+            bit_depth=bit_depth,
+        )
+        part = Part(name=self.features.stem, features=read_features(self.features))
+        sensor = sensor_named_or_read(self.sensor)
+        return MemoryCampaign(name=str(self.image), sensor=sensor, part=part, captures=[capture])
+
+    def _camera_from_part(self) -> RigidTransform:
+        if self.robot_pose is not None:
+            return parse_pose(*self.robot_pose)
+        return read_pose(cast("Path", self.pose))
+
+    def _missing(self) -> str:
+        needed = ("--image", "--cloud", "--features", "--sensor", "--exposure-ms")
+        given = self.options()
+        if not given:
+            return (
+                f"give a campaign's folder, or a single capture by {', '.join(needed)} and --pose "
+                "or --robot-pose"
+            )
+        missing = [option for option in needed if option not in given]
+        if "--pose" not in given and "--robot-pose" not in given:
+            missing.append("--pose or --robot-pose")
+        if missing:
+            return f"a single capture also needs {', '.join(missing)}"
+        return "give the pose once, by --pose or --robot-pose"
 
 
-_Campaign = Annotated[Path | None, typer.Argument(metavar="CAMPAIGN", help="A campaign's folder.")]
-_Output = Annotated[
-    Path,
-    typer.Option("--output", "-o", metavar="FILE", help="Observation table: .csv or .parquet."),
-]
-_Height = Annotated[
-    float, typer.Option("--height", metavar="MM", help="Height of the hollow cylinder, mm.")
-]
-_Inner = Annotated[
-    float,
-    typer.Option("--inner", metavar="MM", help="The ring begins so far outside the edge, mm."),
-]
-_Outer = Annotated[
-    float, typer.Option("--outer", metavar="MM", help="The ring ends so far outside the edge, mm.")
-]
-_Image = Annotated[Path | None, _single("FILE", "Stripe image, grey.")]
-_BitDepth = Annotated[int | None, _single("BITS", "Of the image: 8 (default), 10, 12 or 16.")]
-_Cloud = Annotated[Path | None, _single("FILE", "Point cloud in the camera's frame.")]
-_CloudUnit = Annotated[
-    CloudUnit | None, _single("UNIT", "Of the cloud: mm (default), cm or m; files do not tell.")
-]
-_Features = Annotated[Path | None, _single("CSV", "The part's features (docs/formats.md).")]
-_Sensor = Annotated[
-    str | None, _single("NAME|FILE", f"The sensor: {', '.join(PRESETS)}, or its JSON file.")
-]
-_Exposure = Annotated[float | None, _single("MS", "Exposure time, ms.")]
-_Pose = Annotated[
-    Path | None,
-    _single("FILE", "Pose of the part in the camera's frame: a text file, 4×4 matrix, mm."),
-]
-_RobotPose = Annotated[
-    tuple[str, str] | None,
-    _single(
-        "ROBOT NUMBERS",
-        "The same as a robot writes it: "
-        + "; ".join(f"{name} {numbers}" for name, (numbers, _) in POSE_CONVENTIONS.items())
-        + ".",
-    ),
-]
+_NO_CAPTURE = SingleCapture()
 
 
 def observe_command(
-    campaign: _Campaign = None,
-    output: _Output = Path("observations.csv"),
-    height_mm: _Height = PAPER_TOLERANCE.height_mm,
-    inner_mm: _Inner = PAPER_TOLERANCE.inner_mm,
-    outer_mm: _Outer = PAPER_TOLERANCE.outer_mm,
-    as_json: JsonOption = False,
-    image: _Image = None,
-    bit_depth: _BitDepth = None,
-    cloud: _Cloud = None,
-    cloud_unit: _CloudUnit = None,
-    features: _Features = None,
-    sensor: _Sensor = None,
-    exposure_ms: _Exposure = None,
-    pose: _Pose = None,
-    robot_pose: _RobotPose = None,
-) -> None:
-    r"""Measure every feature in every capture: quality, brightness, pose.
+    campaign: Path | None = None,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o")] = Path("observations.csv"),
+    tolerance: Annotated[RingTolerance, Parameter("*", group="Measured region")] = PAPER_TOLERANCE,
+    single: SingleCapture = _NO_CAPTURE,
+) -> Result:
+    r"""Measure quality, brightness and pose of every feature in every capture.
 
-    p_norm is the share of the ring around a feature that has 3D points, i_avg
-    the ring's mean grey value; the pose is the feature's in the sensor's TCP
-    frame. Features that cannot be measured stay in the table with the reason.
+    p_norm is the share of the ring around a feature that has 3D points, i_avg the ring's mean grey
+    level; the pose is the feature's in the sensor's TCP frame. Features that cannot be measured
+    stay in the table with the reason.
 
     For example:
 
-      exposight observe door-inside/ -o observations.csv
+        exposight observe door-inside/ -o observations.csv
 
-      exposight observe --image stripes.png --cloud cloud.ply \
-        --features features.csv --sensor comet-pro-ae --exposure-ms 10 \
-        --robot-pose fanuc 12.5,-3,600,0,0,90
+        exposight observe --image stripes.png --cloud cloud.ply \
+          --features features.csv --sensor comet-pro-ae --exposure-ms 10 \
+          --robot-pose fanuc 12.5,-3,600,0,0,90
+
+    Parameters
+    ----------
+    campaign
+        A campaign's folder.
+    output
+        Observation table to write: .csv or .parquet.
     """
-    tolerance = RingTolerance(height_mm=height_mm, inner_mm=inner_mm, outer_mm=outer_mm)
-    single = SingleCapture(
-        image=image,
-        bit_depth=bit_depth,
-        cloud=cloud,
-        cloud_unit=cloud_unit,
-        features=features,
-        sensor=sensor,
-        exposure_ms=exposure_ms,
-        pose=pose,
-        robot_pose=robot_pose,
-    )
-    keep_inputs(output, image, cloud, features, pose)
+    inputs = (single.image, single.cloud, single.features, single.pose)
+    file = Written.at(output, "observations", inputs=inputs)
     source = _source(campaign, single)
     with progress_bars() as progress:
         table = observe_campaign(source, tolerance, progress=progress)
     table.write(output)
-    if as_json:
-        print_json(_document(source, table, output))
-    else:
-        _print(source, table, output)
+    emulated = int(table.frame["emulated"].sum())
+    return Result(
+        title=f"{source.name}: part {source.part.name}, {source.sensor.name}",
+        facts=(
+            fact("campaign", source.name, ""),
+            fact("sensor", source.sensor.name, ""),
+            fact("part", source.part.name, ""),
+            fact("captures", len(source)),
+            fact("features", len(source.part.features)),
+            fact("rows", len(table)),
+            fact("emulated_rows", emulated, count(emulated) if emulated else ""),
+        ),
+        tables=(visibility_table(table), *_measured(table)),
+        notes=tuple(_notes(table)),
+        files=(file,),
+    )
+
+
+def visibility_table(table: ObservationTable) -> Table:
+    """Return how many features were measured, and why the others were not."""
+    return Table.of(
+        "visibility",
+        (
+            {"visibility": reason, "rows": rows, "share": rows / len(table)}
+            for reason, rows in table.counts().items()
+        ),
+        (
+            Column(name="visibility", label="features are"),
+            Column(name="rows"),
+            Column(name="share", label="share %", scale=100, decimals=1),
+        ),
+    )
 
 
 def _source(campaign: Path | None, single: SingleCapture) -> CaptureSource:
     """Return what is to be observed: a campaign's folder, or else a single capture."""
     if campaign is None:
-        return single.campaign()
-    if given := single.given():
+        return single.source()
+    if given := single.options():
         msg = f"give a campaign's folder or a single capture, not both (got {', '.join(given)})"
-        raise typer.BadParameter(msg)
+        raise UsageError(msg)
     if campaign.is_file() and campaign.suffix.lower() in {".csv", ".parquet"}:
         msg = f"{campaign}: a table; expected a campaign's folder, which has a campaign.json"
         raise FormatError(msg)
     return CampaignFolder(campaign)
 
 
-def _ranges(table: ObservationTable) -> dict[str, tuple[float, float, float]]:
-    """Return the smallest, middle and largest value of each column over the measured rows."""
+def _measured(table: ObservationTable) -> list[Table]:
+    """Return the range of each column over the measured rows, and a few rows one by one."""
     measured = table.measured()
     if len(measured) == 0:
-        return {}
-    values = measured.array(list(_COLUMNS))
-    low, middle, high = np.nanpercentile(values, [0, 50, 100], axis=0).tolist()
-    return dict(zip(_COLUMNS, zip(low, middle, high, strict=True), strict=True))
-
-
-def _document(source: CaptureSource, table: ObservationTable, output: Path) -> dict[str, object]:
-    return {
-        "campaign": source.name,
-        "sensor": source.sensor.name,
-        "part": source.part.name,
-        "features": len(source.part.features),
-        "captures": len(source),
-        "rows": len(table),
-        "visibility": table.counts(),
-        "emulated_rows": int(table.frame["emulated"].sum()),
-        "ranges": {
-            name: dict(zip(("min", "median", "max"), values, strict=True))
-            for name, values in _ranges(table).items()
-        },
-        "observations": output,
-    }
-
-
-def _print(source: CaptureSource, table: ObservationTable, output: Path) -> None:
-    emulated = int(table.frame["emulated"].sum())
-    print_facts(
-        f"{source.name}: part {source.part.name}, {source.sensor.name}",
-        [
-            ("captures", count(len(source))),
-            ("features", count(len(source.part.features))),
-            ("observations", f"{count(len(table))}, of which {count(emulated)} emulated"),
-        ],
-    )
-    print_line("")
-    print_table(
-        ("features are", "rows", "share %"),
+        return []
+    low, middle, high = np.nanpercentile(measured.array(list(_RANGES)), [0, 50, 100], axis=0)
+    ranges = Table.of(
+        "ranges",
         (
-            (reason, count(rows), percent(rows / len(table)))
-            for reason, rows in table.counts().items()
+            {"column": name, "quantity": text, "min": low[i], "median": middle[i], "max": high[i]}
+            for i, (name, text) in enumerate(_RANGES.items())
+        ),
+        (
+            Column(name="quantity", label="measured"),
+            *(Column(name=name) for name in ("min", "median", "max")),
         ),
     )
-    print_line("")
-    ranges = _ranges(table)
-    if len(table) <= _FEW_ROWS:
-        _print_rows(table)
-    elif ranges:
-        print_table(
-            ("measured", "min", "median", "max"),
-            ((_COLUMNS[name], *map(number, values)) for name, values in ranges.items()),
-        )
-    if not ranges:
-        note("no feature could be measured; check the pose and its unit")
-    elif not (table.frame["p_norm"].fill_null(0.0) > 0.0).any():
-        note(
-            "every p_norm is 0: no point of any cloud lies near any feature. If the images are not "
-            "all dark or clipped, check that features are in mm, and clouds too (if not, say "
-            "--cloud-unit), that clouds are in the camera's frame, and that the pose is that of "
-            "the part seen from the camera"
-        )
-    print_line(f"wrote the observations: {output}")
-
-
-def _print_rows(table: ObservationTable) -> None:
-    """Print each observation: what one wants to see of a single capture."""
-    columns = ("p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-    headings = ("p_norm", "i_avg\n0–255", "x\nmm", "y\nmm", "z\nmm", "w\n°", "p\n°")
-    digits = (3, 3, 4, 4, 4, 3, 3)
-    print_table(
-        ("feature", "exposure\nms", *headings, "measured"),
-        (
-            (
-                row["feature"],
-                number(row["exposure_ms"]),
-                *(number(row[name], n) for name, n in zip(columns, digits, strict=True)),
-                "yes" if row["visibility"] == Visibility.VISIBLE else row["visibility"],
-            )
-            for row in table.frame.iter_rows(named=True)
-        ),
-        words=("measured",),
+    if len(table) > _FEW_ROWS:
+        return [ranges]
+    columns = (
+        Column(name="feature"),
+        Column(name="exposure_ms", label="exposure\nms"),
+        Column(name="p_norm", digits=3),
+        Column(name="i_avg", label="i_avg\n0–255", digits=3),
+        *(Column(name=f"{axis}_mm", label=f"{axis}\nmm") for axis in "xyz"),
+        Column(name="w_deg", label="w\n°", digits=3),
+        Column(name="p_deg", label="p\n°", digits=3),
+        Column(name="visibility", wraps=True),
     )
+    return [ranges, Table(name="observations", frame=table.frame, columns=columns)]
+
+
+def _notes(table: ObservationTable) -> list[str]:
+    if len(table.measured()) == 0:
+        return ["no feature could be measured; check the pose and its unit"]
+    if (table.frame["p_norm"].fill_null(0.0) > 0.0).any():
+        return []
+    return [
+        "every p_norm is 0: no point of any cloud lies near any feature. If the images are not "
+        "all dark or clipped, check that features are in mm, and clouds too (if not, give "
+        "--cloud-unit), that clouds are in the camera's frame, and that the pose is that of the "
+        "part seen from the camera"
+    ]

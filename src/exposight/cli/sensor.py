@@ -1,27 +1,29 @@
-"""``exposight sensor``: a calibration and what it does not tell, to a sensor's document."""
+"""``exposight sensor``: a calibration, and what it does not hold, to a sensor's document."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import typer
+from cyclopts import Parameter
 
 from exposight.cell import ActiveSensor, ExposureRange, Projector, write_sensor
-from exposight.cli.facts import sensor_facts
-from exposight.cli.output import JsonOption, note, number, print_facts, print_json, print_line
-from exposight.cli.recordings import is_camera_info
+from exposight.cli.app import UsageError
+from exposight.cli.result import Fact, Result, Written, fact
 from exposight.errors import FormatError, SensorError
 from exposight.geometry import (
     KNOWN_KEYS,
-    PinholeCamera,
     RigidTransform,
     read_opencv_file,
     read_pose,
     read_projector_camera,
     read_ros_camera_info,
 )
+from exposight.tables import number
+
+if TYPE_CHECKING:
+    from exposight.geometry import PinholeCamera
 
 _LEAST_BASELINE_MM = 2.0
 """No projector stands nearer to its camera; a calibration in m says less than that."""
@@ -29,141 +31,151 @@ _LEAST_BASELINE_MM = 2.0
 _LEAST_DISTANCE_MM = 10.0
 """No sensor measures nearer only; a working distance in m says less than that."""
 
-_Calibration = Annotated[
-    Path,
-    typer.Argument(
-        metavar="CALIBRATION",
-        help="Camera and projector (OpenCV YAML or XML, named as by SLStudio or "
-        "procam-calibration), or one camera (ROS camera_info).",
-    ),
-]
-_Name = Annotated[str, typer.Option(metavar="TEXT", help="What people call the sensor.")]
-_Exposures = Annotated[
-    tuple[float, float],
-    typer.Option(metavar="MIN MAX", help="Shortest and longest exposure time, ms."),
-]
-_Step = Annotated[
-    float, typer.Option(metavar="MS", help="Step between settings of the exposure time, ms.")
-]
-_Distance = Annotated[
-    tuple[float, float],
-    typer.Option(metavar="NEAR FAR", help="Nearest and farthest distance it measures at, mm."),
-]
-_TcpDistance = Annotated[
-    float | None,
-    typer.Option(
-        metavar="MM",
-        help="From the camera to the TCP, along the camera's axis, mm: the middle of the working "
-        "distance, if not given.",
-    ),
-]
-_ProjectorSize = Annotated[
-    tuple[int, int] | None,
-    typer.Option(
-        metavar="W H", help="Projector's width and height, px, where the calibration has none."
-    ),
-]
-_Projector = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="The projector as a ROS camera_info of its own, where CALIBRATION is of one camera.",
-    ),
-]
-_ProjectorPose = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="With --projector: its pose in the camera's frame, a text file, 4×4 matrix, mm.",
-    ),
-]
-_Output = Annotated[
-    Path, typer.Option("--output", "-o", metavar="FILE", help="The sensor's document, .json.")
-]
-
 
 def sensor_command(
-    calibration: _Calibration,
-    name: _Name,
-    exposures: _Exposures,
-    working_distance: _Distance,
-    output: _Output = Path("sensor.json"),
-    exposure_step: _Step = 0.001,
-    tcp_distance: _TcpDistance = None,
-    projector_size: _ProjectorSize = None,
-    projector: _Projector = None,
-    projector_pose: _ProjectorPose = None,
-    as_json: JsonOption = False,
-) -> None:
-    r"""Describe a sensor by its calibration, for the other commands.
+    calibration: Path,
+    /,
+    *,
+    name: str,
+    exposures_ms: Annotated[tuple[float, float], Parameter("--exposures", metavar="MIN MAX")],
+    working_distance_mm: Annotated[
+        tuple[float, float], Parameter("--working-distance", metavar="NEAR FAR")
+    ],
+    output: Annotated[Path, Parameter(alias="-o")] = Path("sensor.json"),
+    exposure_step_ms: Annotated[float, Parameter("--exposure-step", metavar="MS")] = 0.001,
+    tcp_distance_mm: Annotated[float | None, Parameter("--tcp-distance", metavar="MM")] = None,
+    projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
+    projector: Path | None = None,
+    projector_pose: Path | None = None,
+) -> Result:
+    r"""Describe a sensor from its calibration.
 
-    A calibration holds lenses and poses. What it does not hold is asked for
-    here: the sensor's name, the exposure times that it can take, and where it
-    measures. The result goes to --sensor of observe and train.
+    A calibration holds lenses and poses. What it does not hold is given here: the sensor's name,
+    its exposure times and its working distance. The result goes to --sensor of observe and train.
 
     For example:
 
-      exposight sensor calibration.xml --name "my scanner" --exposures 1 500 \
-        --working-distance 400 800 -o sensor.json
+        exposight sensor calibration.xml --name "my scanner" --exposures 1 500 \
+          --working-distance 400 800 -o sensor.json
+
+    Parameters
+    ----------
+    calibration
+        Camera and projector (OpenCV YAML or XML, with the names that SLStudio or procam-calibration
+        use), or one camera (ROS camera_info).
+    name
+        Name of the sensor.
+    exposures_ms
+        Shortest and longest exposure time, ms.
+    working_distance_mm
+        Nearest and farthest distance at which it measures, mm.
+    output
+        Sensor document to write, .json.
+    exposure_step_ms
+        Increment of the exposure time, ms.
+    tcp_distance_mm
+        From the camera to the TCP along the camera's axis, mm; the middle of the working distance
+        by default.
+    projector_size
+        Projector's width and height in px, where the calibration lacks it.
+    projector
+        ROS camera_info of the projector, where the calibration is of one camera.
+    projector_pose
+        With --projector: its pose in the camera's frame, a text file with a 4×4 matrix, mm.
     """
     if output.suffix.lower() != ".json":
         msg = f"a sensor's document ends in .json, got the name {output.name}"
-        raise typer.BadParameter(msg, param_hint="--output")
-    camera, own = _calibrated(calibration, projector_size, projector, projector_pose)
-    near_mm, far_mm = working_distance
-    tcp_mm = (near_mm + far_mm) / 2 if tcp_distance is None else tcp_distance
+        raise UsageError(msg)
+    camera, light = _calibrated(calibration, projector_size, projector, projector_pose)
+    near_mm, far_mm = working_distance_mm
+    tcp_mm = (near_mm + far_mm) / 2 if tcp_distance_mm is None else tcp_distance_mm
     if not near_mm <= tcp_mm <= far_mm:
-        msg = f"expected {near_mm:g} to {far_mm:g} mm, as --working-distance says, got {tcp_mm:g}"
-        raise typer.BadParameter(msg, param_hint="--tcp-distance")
+        msg = (
+            f"--tcp-distance must be {near_mm:g} to {far_mm:g} mm, as --working-distance says, got "
+            f"{tcp_mm:g}"
+        )
+        raise UsageError(msg)
     sensor = ActiveSensor(
         name=name,
         cameras=(camera,),
         first_from_camera=(RigidTransform(),),
-        projector=own,
+        projector=light,
         camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
         exposure=ExposureRange(
-            min_ms=exposures[0], max_ms=exposures[1], increment_ms=exposure_step
+            min_ms=exposures_ms[0], max_ms=exposures_ms[1], increment_ms=exposure_step_ms
         ),
-        working_distance_mm=working_distance,
+        working_distance_mm=working_distance_mm,
     )
+    file = Written.at(output, "sensor", inputs=(calibration, projector, projector_pose))
     write_sensor(output, sensor)
-    facts = sensor_facts(sensor)
-    remark = ""
-    if far_mm < _LEAST_DISTANCE_MM:
-        remark = (
-            f"a working distance of {near_mm:g} to {far_mm:g} mm: mm are expected; if these are "
-            "metres, multiply by 1000 (exposure times are in ms)"
-        )
-    if as_json:
-        told = {fact.name.replace(" ", "_"): fact.value for fact in facts}
-        print_json({"calibration": calibration, "facts": told, "remark": remark, "sensor": output})
-        return
-    print_facts(f"{calibration}: {name}", [(fact.name, fact.text) for fact in facts])
-    if remark:
-        note(remark)
-    print_line(f"wrote the sensor: {output}")
+    metres = (
+        f"a working distance of {near_mm:g} to {far_mm:g} mm: if these are metres, multiply by 1000"
+    )
+    return Result(
+        title=f"{calibration}: {name}",
+        facts=sensor_facts(sensor),
+        notes=(metres,) if far_mm < _LEAST_DISTANCE_MM else (),
+        files=(file,),
+    )
+
+
+def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
+    """Return what is known about a sensor."""
+    low, high, step = (
+        sensor.exposure.min_ms,
+        sensor.exposure.max_ms,
+        sensor.exposure.increment_ms,
+    )
+    near_mm, far_mm = sensor.working_distance_mm
+    light = sensor.projector
+    tcp_mm = sensor.camera_from_tcp.translation_mm.tolist()
+    return (
+        fact("name", sensor.name),
+        fact("cameras", len(sensor.cameras)),
+        *camera_facts("camera", sensor.camera),
+        fact("projector_px", None if light is None else [light.width, light.height]),
+        fact("exposures_ms", [low, high, step], f"{low:g} to {high:g} in steps of {step:g}"),
+        fact("working_distance_mm", [near_mm, far_mm], f"{number(near_mm)} to {number(far_mm)}"),
+        fact("tcp_mm", tcp_mm, f"{', '.join(map(number, tcp_mm))} in the camera's frame"),
+    )
+
+
+def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
+    """Return a camera's or projector's intrinsic parameters."""
+    lens = ", ".join(number(value, 3) for value in camera.distortion)
+    size, focal, centre = (
+        (camera.width, camera.height),
+        (camera.fx, camera.fy),
+        (camera.cx, camera.cy),
+    )
+    return (
+        fact(f"{name}_size_px", list(size), f"{camera.width} × {camera.height}"),
+        fact(f"{name}_focal_px", list(focal), ", ".join(number(f, 6) for f in focal)),
+        fact(f"{name}_centre_px", list(centre), ", ".join(number(c, 6) for c in centre)),
+        fact(f"{name}_distortion", list(camera.distortion), lens or "none"),
+    )
 
 
 def _calibrated(
     path: Path, projector_size: tuple[int, int] | None, projector: Path | None, pose: Path | None
 ) -> tuple[PinholeCamera, Projector | None]:
     """Return the camera and, where it is known, the projector."""
-    file = read_opencv_file(path)
-    if any(keys.camera_matrix in file.nodes for keys in KNOWN_KEYS.values()):
+    nodes = read_opencv_file(path).nodes
+    if any(keys.camera_matrix in nodes for keys in KNOWN_KEYS.values()):
         if projector is not None or pose is not None:
             msg = f"{path} holds the projector: leave out --projector and --projector-pose"
-            raise typer.BadParameter(msg)
+            raise UsageError(msg)
         rig = read_projector_camera(path, projector_size=projector_size)
         return rig.camera, _projector(rig.projector, rig.camera_from_projector, path)
-    if not is_camera_info(file):
+    if not {"camera_matrix.data", "camera_matrix", "K", "k"} & set(nodes):
         msg = (
             f"{path}: expected camera and projector named as by {' or '.join(KNOWN_KEYS)}, or a "
-            f"ROS camera_info; the file has {', '.join(file.nodes)}"
+            f"ROS camera_info; the file has {', '.join(nodes)}"
         )
         raise FormatError(msg)
     if (projector is None) != (pose is None):
         msg = "a projector needs both its --projector and its --projector-pose"
-        raise typer.BadParameter(msg)
+        raise UsageError(msg)
     camera = read_ros_camera_info(path)
     if projector is None or pose is None:
         return camera, None

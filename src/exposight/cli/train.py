@@ -3,125 +3,92 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.types import NonNegativeInt, PositiveInt
 
-from exposight.cell import PRESETS, sensor_named_or_read
-from exposight.cli.arguments import make_folder
-from exposight.cli.hyperparameters import hyperparameter_documents, print_hyperparameters
-from exposight.cli.output import (
-    JsonOption,
-    count,
-    counted,
-    note,
-    number,
-    print_json,
-    print_line,
-    print_table,
-    progress_bars,
-    wrote,
-)
-from exposight.cli.position_units import in_metres_remark
+from exposight.cell import sensor_named_or_read
+from exposight.cli.progress import progress_bars
+from exposight.cli.result import Result, Written, fact, make_folder
 from exposight.errors import InputError, did_you_mean
-from exposight.models import (
-    MODEL_SUFFIX,
-    MODELS,
-    model_named,
-    save_model,
-    train_all,
-)
+from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
+from exposight.tables import Column, Table, counted, number
 from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from exposight.cell import ActiveSensor
-    from exposight.models import GaussianProcessModel, ModelSpecification
+    from exposight.models import GaussianProcessModel, ModelSpecification, Predictor
     from exposight.observing import ObservationTable
 
 _ALL = "all"
-_BEST = ("q_k4", "e_k6")
+_LEAST_MM = 5.0
+"""A cell's positions reach farther from the TCP than this."""
 
 _LEAST_ROWS = 10
 """So many observations for each input a model wants."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Trained:
-    model: GaussianProcessModel
-    path: Path
-    replaced: bool
-
-
-_Observations = Annotated[
-    Path,
-    typer.Argument(metavar="OBSERVATIONS", help="Observation table, .csv or .parquet."),
-]
-_Models = Annotated[
-    list[str],
-    typer.Option(
-        "--model",
-        "-m",
-        metavar="NAME",
-        help=f"Model to train; give it again for more. One of "
-        f"{', '.join(model.name for model in MODELS)}, or {_ALL}.",
-    ),
-]
-_Output = Annotated[
-    Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the model files.")
-]
-_Seed = Annotated[int, typer.Option(min=0, help="Seed of the restarts.")]
-_Restarts = Annotated[
-    int, typer.Option(min=1, help="Starts of the optimiser; the best one is kept.")
-]
-_Sensor = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME|FILE",
-        help=f"Sensor of the observations, kept in the model: {', '.join(PRESETS)}, or its JSON "
-        "file. Predicted exposure times are held against its range.",
-    ),
-]
-
-_Workers = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", min=1, help="Models trained at the same time; one per core, 8 at most."
-    ),
-]
-
-
 def train_command(
-    observations: _Observations,
-    models: _Models = list(_BEST),  # noqa: B006  (typer copies it)
-    output: _Output = Path("models"),
-    seed: _Seed = 1,
-    restarts: _Restarts = 3,
-    sensor: _Sensor = None,
-    workers: _Workers = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Train the paper's models on observations.
+    observations: Path,
+    /,
+    *,
+    names: Annotated[tuple[str, ...], Parameter(("--model", "-m"), metavar="NAME")] = (
+        "q_k4",
+        "e_k6",
+    ),
+    output: Annotated[Path, Parameter(alias="-o")] = Path("models"),
+    seed: NonNegativeInt = 1,
+    restarts: PositiveInt = 3,
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
+    workers: PositiveInt | None = None,
+    cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+) -> Result:
+    """Train models on observations.
 
-    Models named q_ predict p_norm, the quality; those named e_ the exposure
-    time in ms that yields a wanted brightness, learnt from observations with
-    p_norm of at least 0.75. Each becomes one file, NAME.exposight-model.
+    Models named q_ predict p_norm, the quality; those named e_ the exposure time in ms that yields
+    a given brightness, learnt from observations with p_norm of at least 0.75. Each is written to
+    one file, NAME.exposight-model.
 
     For example:
 
-      exposight train observations.csv -m q_k4 -m e_k6 -o models/
+        exposight train observations.csv -m q_k4 -m e_k6 -o models/
+
+    Parameters
+    ----------
+    observations
+        Observation table, .csv or .parquet.
+    names
+        Model to train: one of the paper's (q_k1 … q_k6, e_k1 … e_k6_lin), or all. Repeat for more.
+    output
+        Folder for the model files.
+    seed
+        Random seed.
+    restarts
+        Starts of the optimiser; the best is kept.
+    sensor
+        Sensor of the observations, kept in the model: a preset's name or a JSON file. Predicted
+        exposure times are compared with its range.
+    workers
+        Train this many models in parallel; one for each core by default, at most 8.
+    cluster
+        Train on a Dask scheduler's workers, tcp://host:8786.
     """
-    specifications = MODELS if _ALL in models else tuple(map(_model, dict.fromkeys(models)))
+    specifications = MODELS if _ALL in names else tuple(map(_model, dict.fromkeys(names)))
     table = read_observations(observations)
     owner = None if sensor is None else sensor_named_or_read(sensor)
     if owner is not None:
         _check_exposures(table, owner)
     make_folder(output, "the models")
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
-    with progress_bars(keep=True) as progress:
-        models_trained = train_all(
+    with progress_bars() as progress:
+        models = train_all(
             specifications,
             table,
             seed=seed,
@@ -129,30 +96,28 @@ def train_command(
             source_sha256=sha256,
             sensor=owner,
             restarts=restarts,
-            workers=usual_workers() if workers is None else workers,
+            workers=workers or (1 if cluster else usual_workers()),
+            cluster=cluster,
             progress=progress,
         )
-    trained = []
-    for model in models_trained:
-        path = output / f"{model.name}{MODEL_SUFFIX}"
-        replaced = path.exists()
-        save_model(path, model)
-        trained.append(_Trained(model=model, path=path, replaced=replaced))
-    remarks = _remarks(table, trained)
-    if as_json:
-        documents = map(_document, trained)
-        print_json({"observations": observations, "models": documents, "remarks": remarks})
-    else:
-        _print(trained)
-        for remark in remarks:
-            note(remark)
+    files = []
+    for model in models:
+        files.append(Written.at(output / f"{model.name}{MODEL_SUFFIX}", "model"))
+        save_model(files[-1].path, model)
+    return Result(
+        facts=(fact("observations", str(observations)), fact("seed", seed)),
+        tables=(_summary(models, files), *map(hyperparameter_table, models)),
+        notes=tuple(_notes(table, models)),
+        files=tuple(files),
+    )
 
 
 def _model(name: str) -> ModelSpecification:
     try:
         return model_named(name)
     except InputError as error:
-        msg = f"{error}, {_ALL}{did_you_mean(name, (*(own.name for own in MODELS), _ALL))}"
+        known = (*(model.name for model in MODELS), _ALL)
+        msg = f"{error}, {_ALL}{did_you_mean(name, known)}"
         raise InputError(msg) from error
 
 
@@ -162,73 +127,86 @@ def _check_exposures(table: ObservationTable, sensor: ActiveSensor) -> None:
         sensor.check_exposure(exposure_ms)
 
 
-def _remarks(table: ObservationTable, trained: list[_Trained]) -> list[str]:
-    """Say what of the table may not have been meant."""
-    remarks = [in_metres_remark(table)]
+def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> list[str]:
+    """Return what of the table may not have been meant, and what of the fits may disappoint."""
+    notes = [_in_metres(table)]
     repeated = len(table) - table.frame.n_unique()
     if repeated:
         verb = "repeats" if repeated == 1 else "repeat"
-        remarks.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
-    for done in trained:
-        rows, wanted = done.model.n_observations, _LEAST_ROWS * len(done.model.inputs)
+        notes.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
+    for model in models:
+        rows, wanted = model.n_observations, _LEAST_ROWS * len(model.inputs)
         if rows < wanted:
-            remarks.append(
-                f"{done.model.name} learnt from {counted(rows, 'row')} only; "
+            notes.append(
+                f"{model.name} learnt from {counted(rows, 'row')} only; "
                 f"{_LEAST_ROWS} for each of its inputs, {wanted}, are the least to expect much of"
             )
-    return [remark for remark in remarks if remark]
-
-
-def _document(done: _Trained) -> dict[str, object]:
-    specification, summary = done.model.specification, done.model.summary
-    return {
-        "model": specification.name,
-        "title": specification.title,
-        "target": specification.target,
-        "inputs": specification.inputs,
-        "observations": done.model.n_observations,
-        "emulated": done.model.provenance.emulated,
-        "log_marginal_likelihood": summary.log_marginal_likelihood,
-        "converged": summary.converged,
-        "evaluations": summary.evaluations,
-        "starts": summary.starts,
-        "parameters_at_bound": summary.parameters_at_bound,
-        "hyperparameters": hyperparameter_documents(done.model),
-        "seconds": done.model.summary.seconds,
-        "file": done.path,
-        "replaced": done.replaced,
-    }
-
-
-def _print(trained: list[_Trained]) -> None:
-    print_table(
-        ("model", "predicts", "rows", "log\nlikelihood", "converged", "s"),
-        (
-            (
-                done.model.name,
-                done.model.title,
-                count(done.model.n_observations),
-                number(done.model.summary.log_marginal_likelihood, 5),
-                "yes" if done.model.summary.converged else "no",
-                f"{done.model.summary.seconds or 0.0:.1f}",
-            )
-            for done in trained
-        ),
-        words=("predicts",),
-    )
-    for done in trained:
-        print_line("")
-        print_line(done.model.name, style="bold")
-        print_hyperparameters(done.model)
-    print_line("")
-    for done in trained:
-        wrote("model", done.path, replaced=done.replaced)
-    if any(done.model.provenance.emulated for done in trained):
-        note("emulated exposures are among the observations; the models' files say so")
-    unfinished = [done.model.name for done in trained if not _converged(done)]
+    if any(model.provenance.emulated for model in models):
+        notes.append("emulated exposures are among the observations; the models' files say so")
+    unfinished = [model.name for model in models if not model.summary.converged]
     if unfinished:
-        note(f"{', '.join(unfinished)} did not converge; more --restarts may help")
+        notes.append(f"{', '.join(unfinished)} did not converge; more --restarts may help")
+    return [note for note in notes if note]
 
 
-def _converged(done: _Trained) -> bool:
-    return done.model.summary.converged
+def _summary(models: Sequence[GaussianProcessModel], files: Sequence[Written]) -> Table:
+    return Table.of(
+        "models",
+        (
+            {
+                "model": model.name,
+                "title": model.title,
+                "target": model.target,
+                "inputs": model.inputs,
+                "observations": model.n_observations,
+                "experts": model.experts,
+                "emulated": model.provenance.emulated,
+                "log_marginal_likelihood": model.summary.log_marginal_likelihood,
+                "converged": model.summary.converged,
+                "evaluations": model.summary.evaluations,
+                "starts": model.summary.starts,
+                "parameters_at_bound": model.summary.parameters_at_bound,
+                "seconds": model.summary.seconds,
+                "file": str(file.path),
+            }
+            for model, file in zip(models, files, strict=True)
+        ),
+        (
+            Column(name="model"),
+            Column(name="title", label="predicts", wraps=True),
+            Column(name="observations", label="rows"),
+            Column(name="log_marginal_likelihood", label="log\nlikelihood", digits=5),
+            Column(name="converged"),
+            Column(name="seconds", label="s", decimals=1),
+        ),
+    )
+
+
+def _in_metres(table: ObservationTable) -> str:
+    """Say that a table's positions seem to be in m, if all lie next to the TCP."""
+    measured = table.measured()
+    if len(measured) == 0:
+        return ""
+    farthest = float(np.abs(measured.array(("x_mm", "y_mm", "z_mm"))).max())
+    if farthest >= _LEAST_MM:
+        return ""
+    return (
+        f"no x_mm, y_mm or z_mm is farther than {number(farthest, 3)} mm from 0: are they in "
+        "metres? positions are in mm, multiply by 1000 if so"
+    )
+
+
+def hyperparameter_table(model: Predictor) -> Table:
+    """Return a model's hyperparameters with what they act on and their units."""
+    return Table.of(
+        f"hyperparameters_of_{model.name}",
+        map(asdict, model.hyperparameters()),
+        (
+            Column(name="name", label="hyperparameter", wraps=True),
+            Column(name="inputs", label="acts on", wraps=True),
+            Column(name="value"),
+            Column(name="unit"),
+            Column(name="remark"),
+        ),
+        title=model.name,
+    )

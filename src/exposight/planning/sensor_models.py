@@ -44,8 +44,8 @@ _SCORES = (
     Column(name="rows"),
     Column(name="n"),
     Column(name="r2_percent", label="R² %"),
-    Column(name="rmse", label="RMSE", digits=3, quantity="target"),
-    Column(name="mae", label="MAE", digits=3, quantity="target"),
+    Column(name="rmse", label="RMSE", digits=3, error_of="target"),
+    Column(name="mae", label="MAE", digits=3, error_of="target"),
     Column(name="coverage_1sigma", label="±1σ %", digits=3, scale=100.0),
     Column(name="coverage_2sigma", label="±2σ %", digits=3, scale=100.0),
 )

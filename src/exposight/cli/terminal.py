@@ -1,0 +1,78 @@
+"""The terminal: JSON objects, errors in a line, and readers that leave."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from typing import NoReturn
+
+BROKEN_PIPE = 141
+"""Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""
+
+
+def print_json(document: Mapping[str, object]) -> None:
+    """Print one JSON object; NaN, which JSON does not know, becomes null."""
+    text = json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+    console().print(text, soft_wrap=True, markup=False)
+
+
+def print_error(kind: str, message: str, *, hint: str = "", as_json: bool) -> None:
+    """Print a failure: one line on standard error, or a JSON object on standard output."""
+    if as_json:
+        print_json({"error": {"type": kind, "message": message}})
+        return
+    line = Text.assemble(("error: ", "bold red"), " ".join(message.split()))
+    stderr = Console(stderr=True, highlight=False)
+    stderr.print(line, soft_wrap=True)
+    if hint:
+        stderr.print(hint, soft_wrap=True)
+
+
+def quit_quietly() -> NoReturn:
+    """Leave without a word, as programs do that SIGPIPE ends: nobody reads the rest."""
+    with suppress(OSError, ValueError):  # no file behind it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python's exit fails
+    raise SystemExit(BROKEN_PIPE)
+
+
+class _Console(Console):
+    """A console whose reader may leave."""
+
+    def on_broken_pipe(self) -> None:
+        quit_quietly()
+
+
+def console() -> Console:
+    """Return a console on standard output."""
+    return _Console(highlight=False)
+
+
+def _plain(value: object) -> object:
+    """Return a value in JSON's own types."""
+    match value:
+        case Mapping():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case float():
+            return value if math.isfinite(value) else None
+        case str() | int() | None:
+            return value
+        case Path():
+            return str(value)
+        case Iterable():
+            return [_plain(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    msg = f"no JSON for a {type(value).__name__}"
+    raise TypeError(msg)
