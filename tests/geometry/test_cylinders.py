@@ -294,7 +294,8 @@ def test_facing_rings_cover_their_projected_area_on_average(hole_radius_mm):
     ring = HollowCylinder(inner_mm=hole_radius_mm + 3, outer_mm=hole_radius_mm + 5, height_mm=20.0)
     camera = camera_with((), fx=800.0, fy=820.0)
     offsets_mm = np.random.default_rng(7).uniform(-10, 10, (400, 2))
-    counts = [ring_of(ring, camera, pose(x, y, 600.0))[0].size for x, y in offsets_mm]
+    poses = [pose(x, y, 600.0) for x, y in offsets_mm]
+    counts = [rows.size for rows, _ in ring_pixels([ring] * len(poses), camera, poses)]
     scale = 800.0 * 820.0 / 600.0**2
     area_px = np.pi * (ring.outer_mm**2 - ring.inner_mm**2) * scale
     # Four standard errors: the lattice alone makes a single count vary.

@@ -266,6 +266,7 @@ def test_a_pool_of_threads_gives_the_same_numbers(fit_here):
         assert_same_fit(fit_here, fitted(shard_map=pool.map))
 
 
+@pytest.mark.slow
 def test_a_pool_of_processes_gives_the_same_numbers(fit_here):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         assert_same_fit(fit_here, fitted(shard_map=pool.map))

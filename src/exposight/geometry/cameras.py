@@ -220,7 +220,7 @@ class PinholeCamera:
         return _rays(self)
 
     def in_frame(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which (..., 2) pixel positions fall on the image's pixels."""
+        """Decide which (..., 2) pixel positions fall on the image's pixels."""
         uv = _check_pixels(pixels)
         u, v = uv[..., 0], uv[..., 1]
         inside = (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)

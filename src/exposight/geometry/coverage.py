@@ -78,20 +78,10 @@ def outlines_in_camera(
     poses: Sequence[RigidTransform],
     end: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Return the outlines of hollow cylinders in the camera's frame.
+    """Return the outlines of n hollow cylinders in the camera's frame, (n, m, 3) mm.
 
-    Parameters
-    ----------
-    cylinders : sequence of n HollowCylinder
-        In their features' frames.
-    poses : sequence of n RigidTransform
-        ``camera_from_feature`` of each.
-    end : float
-        −1 and 1 for the cylinders' ends, 0 for the ring's plane.
-
-    Returns
-    -------
-    (n, m, 3) ndarray, mm
+    Poses are ``camera_from_feature``; the end is −1 or 1 for the cylinders' ends, 0 for the ring's
+    plane.
     """
     outlines = np.stack([c.outline(c.plane_z_mm + end * c.height_mm / 2) for c in cylinders])
     rotations = np.stack([pose.rotation for pose in poses])

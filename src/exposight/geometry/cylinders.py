@@ -97,7 +97,7 @@ class HollowCylinder:
         return float(np.hypot(across, along))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which points lie inside (Eq. 4), borders included.
+        """Decide which points lie inside (Eq. 4), borders included.
 
         Parameters
         ----------

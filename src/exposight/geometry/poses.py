@@ -34,22 +34,15 @@ _ROUNDING = 1e-13
 
 
 def check_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return `rotation` as a 3×3 array, made orthonormal to rounding.
+    """Check a (3, 3) rotation and return the nearest exact one.
 
-    Parameters
-    ----------
-    rotation : (3, 3) array_like
-        Rotation matrix, orthonormal within `ROTATION_TOLERANCE`.
-
-    Returns
-    -------
-    (3, 3) ndarray
-        The nearest rotation, so that rounding in a file does not accumulate in products.
+    So rounding in a file does not accumulate in products.
 
     Raises
     ------
     PoseError
-        If the matrix is not 3×3, not finite, not orthonormal, or mirrors space.
+        If the matrix is not 3×3, not finite, not orthonormal within `ROTATION_TOLERANCE`, or
+        mirrors space.
     """
     matrix = np.asarray(rotation, dtype=np.float64)
     if matrix.shape != (3, 3):
@@ -79,18 +72,7 @@ def check_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_points(points: ArrayLike) -> NDArray[np.float64]:
-    """Return `points` as a float64 array of 3D points.
-
-    Parameters
-    ----------
-    points : (..., 3) array_like, mm
-        Points; NaN is allowed, for missing ones.
-
-    Raises
-    ------
-    CloudError
-        If the last axis does not hold three coordinates.
-    """
+    """Check (..., 3) points, NaN where one is missing, and return them as float64."""
     xyz = np.asarray(points, dtype=np.float64)
     if xyz.ndim == 0 or xyz.shape[-1] != 3:
         msg = (
@@ -101,10 +83,10 @@ def check_points(points: ArrayLike) -> NDArray[np.float64]:
     return xyz
 
 
-def _check_numbers(values: ArrayLike, count: int, what: str) -> NDArray[np.float64]:
+def _check_numbers(values: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
     vector = np.asarray(values, dtype=np.float64).reshape(-1)
     if vector.shape != (count,) or not np.isfinite(vector).all():
-        msg = f"{what} needs {count} finite numbers, got {np.asarray(values)!r}"
+        msg = f"{name} needs {count} finite numbers, got {np.asarray(values)!r}"
         raise PoseError(msg)
     return vector
 
@@ -141,7 +123,7 @@ class RigidTransform:
     def _of_checked(
         cls, rotation: NDArray[np.float64], translation_mm: NDArray[np.float64]
     ) -> RigidTransform:
-        """Build a transform from what follows from checked ones, without checking again."""
+        """Build a transform that follows from checked ones, without checking again."""
         transform = object.__new__(cls)
         rotation.setflags(write=False)
         translation_mm.setflags(write=False)

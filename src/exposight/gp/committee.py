@@ -3,19 +3,19 @@
 The generalised robust Bayesian committee machine of Liu, Cai, Wang, Ong (2018), "Generalized
 robust Bayesian committee machine for large-scale Gaussian process regression". A random sample of
 the observations, the communication set, is known to every expert; the others are split by space.
-Each expert says what its own shard adds to the communication set, and what it adds to precision
-and mean is weighed by how much it knows.
+What each expert's shard adds to the communication set's precision and mean is weighted by how much
+the expert learnt from it.
 
 Of the committees tried on 10 000 observations of a smooth p_norm (`benchmarks/gp_more_data.py`,
 five experts) it lost least against the exact process: 3 to 5 % of the RMSE about the truth, where
 the robust committee machine and the generalised product of experts lost 8 % and the surest expert
 alone 10 %; and one standard deviation covered the truth as often as the exact process's did, where
-the robust committee machine was far too sure and the product of experts too little.
+the robust committee machine was far overconfident and the product of experts underconfident.
 
-A committee pays from some 3000 observations on. CPU seconds of a fit from three starts on one
-thread (`fit`; from 3000 on the time of one evaluation times 101 evaluations) and of
-`fit_committee` with its usual sizes, and the RMSE about the truth of 1000 predictions, on that
-p_norm with noise of 0.03, exact / committee:
+A committee pays off from about 3000 observations on. CPU seconds of an exact fit and of
+`fit_committee` with its default sizes, three starts, one thread, and the RMSE of 1000 predictions
+about the truth, for the same p_norm with noise of 0.03, exact / committee (exact fits of 3000 and
+more rows are one evaluation times the 101 of the first):
 
 ====  =============  =======  =================
 rows  fit            experts  RMSE
@@ -26,10 +26,10 @@ rows  fit            experts  RMSE
 6000  512 s / 12 s   3        0.0131 / 0.0135
 ====  =============  =======  =================
 
-Every expert answers for every row. Leaving out those that add nothing would not pay: with length
-scales of a tenth of the box, twenty experts and three to six columns, 0.2 to 58 % of the answers,
-by kernel, matter less than 1e-10; and which ones is not seen from the covariances of row and shard
-alone, for the communication set links them: knowing takes half the time of an answer.
+Every expert predicts every row. Skipping those that add nothing would not pay: with length scales
+of a tenth of the box, twenty experts and three to six columns, 0.2 to 58 % of the predictions,
+depending on the kernel, matter less than 1e-10, and finding out which takes half the time of a
+prediction, because the communication set links rows to shards far from them.
 """
 
 from dataclasses import dataclass, field

@@ -200,7 +200,7 @@ class Expert:
     below : (c, m) array
         Z.
     corner : (m, m) array
-        C, in Fortran's order; what stands above the diagonal is of no use.
+        C, in Fortran's order; what stands above the diagonal is undefined.
     whitened : (m,) array
         C⁻¹ (y − Z' L⁻¹ y_c): the targets, less what the communication set says of them.
     jitter : float

@@ -1,6 +1,6 @@
 """The Cholesky factor of a covariance matrix, in the memory of the matrix.
 
-How to find, invert and extend it: rows are added in squared instead of cubic time.
+It is found, inverted, and extended by further rows in squared instead of cubic time.
 """
 
 import ctypes
@@ -22,8 +22,8 @@ from exposight.gp.tiling import fill_tiles, fill_triangle, in_threads, row_block
 # Added to the diagonal, in shares of its mean, one after the other until the factor exists. The
 # last keeps a prediction's standard deviation right to a thousandth of the prior's.
 JITTERS = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
-# From here on a length scale leaves nothing to tell observations apart by, a noise variance no
-# digits beside the prior's.
+# Above the first a length scale, in spans of its column, hardly separates observations; below the
+# second a noise variance, in shares of the prior's, vanishes in rounding.
 _LONG, _QUIET = 100.0, 1e-10
 # Ratio of the largest to the smallest element on L's diagonal, up to which L⁻¹ is kept; its error
 # is some tens of ratios times 1e-16. Beyond this many rows it would take more than 128 MB.
@@ -37,7 +37,7 @@ class Factor:
     Attributes
     ----------
     matrix : (n, n) array
-        In Fortran's order, L in the lower triangle; what stands above the diagonal is of no use.
+        In Fortran's order, L in the lower triangle; what stands above the diagonal is undefined.
     jitter : float
         What had to be added to the diagonal, in squared units of the target; 0 almost always.
     """
@@ -174,7 +174,7 @@ def factor_with_jitter(
 
 
 def _why(kernel: Kernel, noise_variance: float, x: FloatArray) -> str:
-    """Say why there is no factor, and what to do."""
+    """Explain why there is no factor, and what to do."""
     if not all(np.isfinite(tile(kernel, x[rows], x)).all() for rows in row_blocks(len(x))):
         return "the covariance matrix holds values that are not finite; check the hyperparameters"
     scale = float(kernel.prior_variance(x).mean())
@@ -182,11 +182,11 @@ def _why(kernel: Kernel, noise_variance: float, x: FloatArray) -> str:
     if repeated := len(x) - len(np.unique(x[:, kernel.columns], axis=0)):
         causes.append(f"{repeated} observations repeat another one's inputs")
     causes += [
-        f"{own.name}={own.value:g} is {own.value / span:.0f} times what its column spans"
-        for own in kernel.parameters
-        if own.quantity is Quantity.LENGTH_SCALE
-        for span in [float(np.ptp(x[:, own.dims], axis=0).max()) or own.value]
-        if own.value > _LONG * span
+        f"{each.name}={each.value:g} is {each.value / span:.0f} times what its column spans"
+        for each in kernel.parameters
+        if each.quantity is Quantity.LENGTH_SCALE
+        for span in [float(np.ptp(x[:, each.dims], axis=0).max()) or each.value]
+        if each.value > _LONG * span
     ]
     if noise_variance < _QUIET * scale:
         causes.append(f"the noise is {noise_variance / scale:.0e} of the prior's variance")

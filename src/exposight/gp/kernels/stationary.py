@@ -67,7 +67,7 @@ class Stationary(Leaf):
             self, "fixed", check_fixed(self.fixed, allowed=self._fields(), kernel=name)
         )
 
-    # -- the shape of the kernel, for its own length scales --------------------------------
+    # -- the shape of the kernel as a function of r² ----------------------------------------
 
     @abstractmethod
     def _correlate(self, r2: FloatArray) -> None:
@@ -87,7 +87,7 @@ class Stationary(Leaf):
         """Names of the fields that hold hyperparameters, in order."""
         return ("variance", "length_scales")
 
-    # -- what the base class asks for ------------------------------------------------------
+    # -- the contract -----------------------------------------------------------------------
 
     @property
     def columns(self) -> tuple[int, ...]:
