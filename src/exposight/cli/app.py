@@ -32,6 +32,7 @@ COMMANDS = {
     "train": "Train models on observations.",
     "evaluate": "Evaluate models on held-out observations.",
     "predict": "Predict quality or exposure time from poses.",
+    "forecast": "Forecast the quality of every visible feature over exposure time.",
     "reproduce": "Repeat the paper's study and compare it with the published numbers.",
     "info": "Identify a file or folder and summarise its content.",
 }

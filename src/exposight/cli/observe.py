@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import numpy as np
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from exposight.cell import (
     PAPER_TOLERANCE,
@@ -22,10 +22,10 @@ from exposight.cell import (
     sensor_named_or_read,
 )
 from exposight.cli.app import UsageError
+from exposight.cli.pose import PoseOptions
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import FormatError
-from exposight.geometry import parse_pose, read_pose
 from exposight.imaging import read_frames
 from exposight.observing import observe_campaign
 from exposight.tables import Column, Table, count
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.cell import CaptureSource
-    from exposight.geometry import RigidTransform
     from exposight.observing import ObservationTable
 
 _RANGES = {
@@ -53,9 +52,9 @@ _FEW_ROWS = 24
 """So many observations are shown one by one."""
 
 
-@Parameter("*", group="Or a single capture, without a campaign folder")
+@Parameter("*", group=Group("Or a single capture, without a campaign folder", sort_key=3))
 @dataclass(frozen=True, kw_only=True)
-class SingleCapture:
+class SingleCapture(PoseOptions):
     """A capture that stands alone: its files and numbers on the command line.
 
     Parameters
@@ -74,11 +73,6 @@ class SingleCapture:
         Name of a preset (comet-pro-ae, rc-visard-65) or JSON file of a sensor.
     exposure_ms
         Exposure time, ms.
-    pose
-        Pose of the part in the camera's frame: text file with a 4×4 matrix, mm.
-    robot_pose
-        The same as a robot writes it: fanuc x,y,z,w,p,r or kuka x,y,z,A,B,C in mm and degrees; abb
-        x,y,z,q1,q2,q3,q4 in mm, scalar part first; ur x,y,z,rx,ry,rz in m and rad.
     """
 
     image: Path | None = None
@@ -88,10 +82,6 @@ class SingleCapture:
     features: Path | None = None
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     exposure_ms: float | None = None
-    pose: Path | None = None
-    robot_pose: Annotated[
-        tuple[str, str] | None, Parameter(metavar="ROBOT NUMBERS", allow_leading_hyphen=True)
-    ] = None
 
     def options(self) -> list[str]:
         """Return the options that were given."""
@@ -115,7 +105,7 @@ class SingleCapture:
             or self.features is None
             or self.sensor is None
             or self.exposure_ms is None
-            or (self.pose is None) == (self.robot_pose is None)
+            or (self.pose is None and self.robot_pose is None)
         ):
             raise UsageError(self._missing())
         bit_depth = self.bit_depth or 8
@@ -125,17 +115,12 @@ class SingleCapture:
             exposure_ms=self.exposure_ms,
             image=cast("NDArray[np.uint8] | NDArray[np.uint16]", frames[0]),
             cloud=read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
-            camera_from_part=self._camera_from_part(),
+            camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,
         )
         part = Part(name=self.features.stem, features=read_features(self.features))
         sensor = sensor_named_or_read(self.sensor)
         return MemoryCampaign(name=str(self.image), sensor=sensor, part=part, captures=[capture])
-
-    def _camera_from_part(self) -> RigidTransform:
-        if self.robot_pose is not None:
-            return parse_pose(*self.robot_pose)
-        return read_pose(cast("Path", self.pose))
 
     def _missing(self) -> str:
         needed = ("--image", "--cloud", "--features", "--sensor", "--exposure-ms")
@@ -148,12 +133,11 @@ class SingleCapture:
         missing = [option for option in needed if option not in given]
         if "--pose" not in given and "--robot-pose" not in given:
             missing.append("--pose or --robot-pose")
-        if missing:
-            return f"a single capture also needs {', '.join(missing)}"
-        return "give the pose once, by --pose or --robot-pose"
+        return f"a single capture also needs {', '.join(missing)}"
 
 
 _NO_CAPTURE = SingleCapture()
+_REGION = Parameter("*", group=Group("Measured region", sort_key=2))
 
 
 def observe_command(
@@ -161,7 +145,7 @@ def observe_command(
     /,
     *,
     output: Annotated[Path, Parameter(alias="-o")] = Path("observations.csv"),
-    tolerance: Annotated[RingTolerance, Parameter("*", group="Measured region")] = PAPER_TOLERANCE,
+    tolerance: Annotated[RingTolerance, _REGION] = PAPER_TOLERANCE,
     single: SingleCapture = _NO_CAPTURE,
 ) -> Result:
     r"""Measure quality, brightness and pose of every feature in every capture.

@@ -1,0 +1,213 @@
+"""``exposight forecast``: the quality of every feature that a pose sees, over exposure time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import polars as pl
+from cyclopts import Group, Parameter
+
+from exposight.cell import Part, read_features, sensor_named_or_read
+from exposight.cli.app import UsageError
+from exposight.cli.pose import PoseOptions
+from exposight.cli.result import Result, Written, fact
+from exposight.errors import InputError, did_you_mean
+from exposight.models import P_NORM_MIN, load_model
+from exposight.observing import View, open_campaign, view_features
+from exposight.planning import SensorModels
+from exposight.tables import Column, Table, number
+
+if TYPE_CHECKING:
+    from exposight.observing import Campaign
+    from exposight.planning import Forecast
+
+_FEW_TIMES = 8
+"""So many exposure times are shown on a terminal."""
+
+
+@Parameter("*", group=Group("The view", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(PoseOptions):
+    """What is seen, by which sensor, from where.
+
+    Parameters
+    ----------
+    campaign
+        Campaign whose sensor and part are meant.
+    view
+        Name of one of the campaign's views, in place of a pose.
+    sensor
+        Or the sensor: a preset's name or a JSON file.
+    features
+        And the part's features, CSV (docs/formats.md).
+    """
+
+    campaign: Path | None = None
+    view: str | None = None
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
+    features: Path | None = None
+
+    def seen(self) -> View:
+        """Return the features and how the view sees them.
+
+        Raises
+        ------
+        UsageError
+            If options are missing or contradict each other.
+        ExposightError
+            If a file cannot be used, or there is no such view.
+        """
+        if self.campaign is not None and self.sensor is None and self.features is None:
+            campaign = open_campaign(self.campaign)
+            if self.view is None:
+                return campaign.view(self.camera_from_part())
+            if self.pose is not None or self.robot_pose is not None:
+                msg = "give a --view of the campaign or a pose, not both"
+                raise UsageError(msg)
+            return _view_named(campaign, self.view)
+        if self.campaign is not None or self.sensor is None or self.features is None:
+            msg = "give either --campaign, or both --sensor and --features"
+            raise UsageError(msg)
+        if self.view is not None:
+            msg = "--view names a view of a --campaign; give a pose by --pose or --robot-pose"
+            raise UsageError(msg)
+        part = Part(name=self.features.stem, features=read_features(self.features))
+        pose = self.camera_from_part()
+        sensor = sensor_named_or_read(self.sensor)
+        return View(camera_from_part=pose, features=view_features(part, sensor, pose))
+
+
+_NO_VIEW = ViewOptions()
+
+
+def forecast_command(
+    *models: Path,
+    exposures_ms: Annotated[
+        tuple[float, ...] | None, Parameter("--exposures", metavar="MS...", consume_multiple=True)
+    ] = None,
+    output: Annotated[Path | None, Parameter(("--csv", "-o"))] = None,
+    options: ViewOptions = _NO_VIEW,
+) -> Result:
+    r"""Forecast the quality of every visible feature over exposure time.
+
+    A quality model and an exposure-time model predict p_norm ± 2σ of each feature that the sensor
+    sees from a pose, before anything is captured there. Rows outside the training data say so: do
+    not trust them.
+
+    For example:
+
+        exposight forecast models/ --campaign door --view middle-x1-y1
+
+        exposight forecast models/ --sensor sensor.json --features features.csv \
+          --robot-pose fanuc 12.5,-3,600,0,0,90 --exposures 5 10 20 --csv forecast.csv
+
+    Parameters
+    ----------
+    models
+        Two model files, one for quality and one for exposure time, or the folder that holds them.
+    exposures_ms
+        Exposure times, ms; settings of the sensor over the trained range by default.
+    output
+        Write a row for each feature and exposure time to this CSV file.
+    """
+    sensor_models = _loaded(models)
+    file = None if output is None else Written.at(output, "forecast", inputs=models)
+    view = options.seen()
+    if not view.visible:
+        reasons = {feature.visibility.value for feature in view.features}
+        msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
+        raise InputError(msg)
+    forecast = sensor_models.forecast(view, exposures_ms)
+    if output is not None:
+        forecast.write(output)
+    best_ms = forecast.best_exposure_ms()
+    hidden = [seen.feature.name for seen in view.features if seen not in view.visible]
+    outside = forecast.frame.filter(~pl.col("inside"))["feature"].unique().to_list()
+    notes = [f"not visible: {', '.join(hidden)}"] if hidden else []
+    if outside:
+        notes.append(f"partly outside the training data: {', '.join(sorted(outside))}")
+    return Result(
+        title=f"Forecast by {sensor_models.quality.name} and {sensor_models.exposure.name}",
+        facts=(
+            fact("visible_features", len(forecast.features)),
+            fact(
+                "exposures_ms",
+                forecast.exposures_ms,
+                f"{len(forecast.exposures_ms)}, {number(min(forecast.exposures_ms))} to "
+                f"{number(max(forecast.exposures_ms))}",
+            ),
+            fact("best_exposure_ms", best_ms, f"{number(best_ms)}, highest mean p_norm"),
+        ),
+        tables=(
+            _at_best(forecast, best_ms),
+            _over_time(forecast),
+            Table(name="forecast", frame=forecast.frame, columns=(), shown_rows=0),
+        ),
+        notes=tuple(notes),
+        files=() if file is None else (file,),
+    )
+
+
+def _loaded(paths: tuple[Path, ...]) -> SensorModels:
+    """Read the two models, from their files or their folder."""
+    if len(paths) == 1 and paths[0].is_dir():
+        return SensorModels.load(paths[0])
+    models = {model.target: model for model in map(load_model, paths)}
+    if len(paths) != 2 or set(models) != {"p_norm", "exposure_ms"}:
+        got = ", ".join(f"{model.name} ({target})" for target, model in models.items()) or "none"
+        msg = f"give one model of p_norm and one of exposure_ms, or their folder; got {got}"
+        raise UsageError(msg)
+    return SensorModels(quality=models["p_norm"], exposure=models["exposure_ms"])
+
+
+def _view_named(campaign: Campaign, name: str) -> View:
+    """Return a view that a campaign was measured from."""
+    names = []
+    for capture in campaign.captures():
+        if capture.view == name:
+            return campaign.view(capture.camera_from_part)
+        names.append(capture.view)
+    msg = f"{campaign.name}: no view '{name}'{did_you_mean(name, names)}"
+    raise InputError(msg)
+
+
+def _at_best(forecast: Forecast, best_ms: float) -> Table:
+    """Return what to expect of each feature at the exposure time that promises most."""
+    columns = (
+        Column(name="feature"),
+        Column(name="p_norm"),
+        Column(name="p_norm_low", label="−2σ", decimals=2),
+        Column(name="p_norm_high", label="+2σ", decimals=2),
+        Column(name="i_avg"),
+        Column(name="inside", label="within\ntraining"),
+    )
+    return Table(
+        name="at_best_exposure",
+        frame=forecast.frame.filter(pl.col("exposure_ms") == best_ms),
+        columns=columns,
+        title=f"At {number(best_ms)} ms",
+    )
+
+
+def _over_time(forecast: Forecast) -> Table:
+    """Return how all features together fare at some of the exposure times."""
+    times = forecast.exposures_ms
+    some = times[:: max(1, -(-len(times) // _FEW_TIMES))]
+    frame = (
+        forecast.frame.filter(pl.col("exposure_ms").is_in(some))
+        .group_by("exposure_ms", maintain_order=True)
+        .agg(
+            pl.col("p_norm").mean().alias("mean_p_norm"),
+            pl.col("p_norm").min().alias("least_p_norm"),
+            (pl.col("p_norm") >= P_NORM_MIN).sum().alias("good_features"),
+        )
+    )
+    columns = (
+        Column(name="exposure_ms", digits=4),
+        Column(name="mean_p_norm", label="mean\np_norm", decimals=2),
+        Column(name="least_p_norm", label="least\np_norm", decimals=2),
+        Column(name="good_features", label=f"features\n≥ {P_NORM_MIN:g}"),
+    )
+    return Table(name="over_time", frame=frame, columns=columns, title="All features together")
