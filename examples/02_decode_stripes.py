@@ -1,18 +1,19 @@
 """From stripe images to a cloud: sixteen fringes, unwrapped by one, seen by a camera with a lens.
 
-The frames are rendered from a known plane, so that the decoded cloud can be held against it.
+The frames are rendered from a known plane, so that the decoded cloud can be compared with it.
 """
 
 import numpy as np
 
-from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.imaging import FrameStack, Fringe, PatternSequence, PhaseShift, decode, triangulate
+import exposight as xs
+from exposight.geometry import PinholeCamera
+from exposight.imaging import FrameStack, Fringe, PatternSequence, PhaseShift
 
 camera = PinholeCamera(
     width=640, height=480, fx=800, fy=800, cx=320, cy=240, distortion=(-0.15, 0.05, 0, 0)
 )
 projector = PinholeCamera(width=1024, height=768, fx=1300, fy=1300, cx=512, cy=384)
-projector_from_camera = RigidTransform.from_fanuc_wpr([-200, 0, 30], 0.0, 18.0, 0.0)
+projector_from_camera = xs.RigidTransform.from_fanuc_wpr([-200, 0, 30], 0.0, 18.0, 0.0)
 sequence = PatternSequence(
     name="one fringe, then sixteen",
     projector_width=projector.width,
@@ -31,8 +32,8 @@ for periods in (1, 16):
         frames.append(120 + 90 * np.cos(phase - step * np.pi / 2))
 stack = FrameStack(frames=np.round(frames).astype(np.uint8))
 
-cloud = triangulate(
-    decode(stack, sequence),
+cloud = xs.triangulate(
+    xs.decode(stack, sequence),
     camera=camera,
     projector=projector,
     projector_from_camera=projector_from_camera,

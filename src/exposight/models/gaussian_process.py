@@ -254,15 +254,15 @@ class GaussianProcessModel(Predictor):
 
     @classmethod
     def from_document(
-        cls, fields: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
+        cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
     ) -> GaussianProcessModel:
         """Rebuild a model; factors follow from the data and are computed again."""
         kept = validate(_Content, content, "model.json")
         kernel = kernel_from_dict(kept.kernel)
         x, y = np.asarray(arrays["inputs"], dtype=np.float64), arrays["targets"]
-        if x.ndim != 2 or x.shape[1] != len(fields["inputs"]):
+        if x.ndim != 2 or x.shape[1] != len(common["inputs"]):
             msg = (
-                f"inputs.npy must have a column for each of {len(fields['inputs'])} inputs, got "
+                f"inputs.npy must have a column for each of {len(common['inputs'])} inputs, got "
                 f"shape {x.shape}"
             )
             raise InputError(msg)
@@ -272,7 +272,7 @@ class GaussianProcessModel(Predictor):
         else:
             process = GaussianProcess.condition(kernel, kept.noise_variance, x, y)
         return cls(
-            **fields,
+            **common,
             p_norm_min=kept.p_norm_min,
             source=kept.source,
             process=process,

@@ -146,7 +146,7 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
         raise FormatError(msg) from error
     document = _FORMAT.from_dict(_from_version_1(raw) if raw["version"] == 1 else raw, str(path))
     _check_units(document, str(path))
-    fields = {
+    common = {
         "name": document.name,
         "title": document.title,
         "target": document.target.name,
@@ -157,9 +157,10 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
         else None,
     }
     try:
-        model = predictor_kind(document.kind).from_document(fields, document.content, arrays)
-    except KeyError as error:
-        msg = f"{path}: not a model file ({error.args[0]} is missing)"
+        model = predictor_kind(document.kind).from_document(common, document.content, arrays)
+    except (KeyError, TypeError) as error:
+        missing = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
+        msg = f"{path}: not a model file ({missing})"
         raise FormatError(msg) from error
     except (InputError, FormatError) as error:
         msg = f"{path}: {error}"

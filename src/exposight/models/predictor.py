@@ -1,15 +1,15 @@
 """The contract of a predictor: which columns it reads, what it predicts, how it is kept.
 
 The paper's Gaussian processes are one kind. Another kind is a frozen dataclass that inherits from
-`Predictor`, is registered by `register_predictor`, and implements `predict_frame`, `to_document`
-and `from_document`; `examples/04_own_predictor.py` is one. It is then saved, loaded, evaluated and
-used in forecasts like any other.
+`Predictor`, names its `kind`, is registered by `register_predictor`, and implements
+`predict_frame`; `examples/04_own_predictor.py` is one. It is then saved, loaded, evaluated and used
+in forecasts like any other.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -229,9 +229,10 @@ class Predictor(ABC):
         """Return the hyperparameters with their units; none by default."""
         return ()
 
-    @abstractmethod
     def to_document(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return what the model file keeps beside the fields of `Predictor`.
+
+        By default all further fields of the dataclass: arrays, and what JSON can hold.
 
         Returns
         -------
@@ -240,26 +241,31 @@ class Predictor(ABC):
         arrays : dict of str to ndarray
             Numeric arrays by name.
         """
+        common = {each.name for each in fields(Predictor)}
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in common}
+        arrays = {name: value for name, value in kept.items() if isinstance(value, np.ndarray)}
+        return {name: value for name, value in kept.items() if name not in arrays}, arrays
 
     @classmethod
-    @abstractmethod
     def from_document(
-        cls, fields: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
+        cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
     ) -> Predictor:
         """Rebuild a predictor; the opposite of `to_document`.
 
         Parameters
         ----------
-        fields : mapping
-            The fields of `Predictor`, to be handed on as ``cls(**fields, …)``.
+        common : mapping
+            The fields of `Predictor` by name.
         content, arrays
             What `to_document` returned.
 
         Raises
         ------
-        InputError, KeyError
+        InputError, KeyError, TypeError
             If something makes no sense or is missing; `load_model` then names the file.
         """
+        values: dict[str, Any] = {**common, **content, **arrays}
+        return cls(**values)
 
 
 _Kind = TypeVar("_Kind", bound=type[Predictor])

@@ -1,6 +1,6 @@
 """See what a kernel assumes: Fig. 5 of the paper, and change points that switch a kernel off.
 
-Give a folder to draw the pictures of docs/gallery.md into: 04_kernels_and_gates.py docs/pictures
+Give a folder to draw the pictures of docs/gallery.md into: picture_of_kernels.py docs/pictures
 """
 
 import sys
@@ -27,7 +27,6 @@ def learn(axes: Axes, title: str, kernel: Kernel, x: Array, y: Array, t: Array) 
     axes.plot(t, answer.mean, color="#0072b2", label="prediction")
     axes.plot(x, y, "o", color="#d55e00", markersize=4, label="observations")
     axes.set_title(title, fontsize=10)
-    print(f"{title}: {answer.mean[-1]:.2f} ± {2 * answer.std[-1]:.2f} at {t[-1]:g}")
 
 
 # Fig. 5: seven noisy observations of x·sin(2πx), seen by two kernels
