@@ -1,10 +1,12 @@
 """A small synthetic cell: brightness grows with exposure, quality with brightness."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from exposight.cell import ActiveSensor, ExposureRange, sensor_preset
 from exposight.models import GaussianProcessModel, ModelSpecification, train
 from exposight.observing import Observation, ObservationTable
 
@@ -61,6 +63,13 @@ def train_quickly(
         **settings,
     }
     return train(specification, synthetic_table() if table is None else table, **given)
+
+
+@pytest.fixture(scope="session")
+def wide_sensor() -> ActiveSensor:
+    """A sensor that can have taken the synthetic tables' exposure times."""
+    exposure = ExposureRange(min_ms=0.1, max_ms=1000.0, increment_ms=0.1)
+    return replace(sensor_preset("rc-visard-65"), exposure=exposure)
 
 
 @pytest.fixture

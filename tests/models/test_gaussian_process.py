@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from exposight.cell import sensor_preset
-from exposight.errors import ObservationError
+from exposight.errors import ObservationError, SensorError
 from exposight.gp import GaussianProcess
 from exposight.models import MODELS, QUALITY_MODELS, evaluate, model_named
 from exposight.observing import ObservationTable
@@ -48,10 +48,9 @@ def test_another_seed_starts_elsewhere(trained):
     assert len(ends) > 1
 
 
-def test_a_model_keeps_where_it_comes_from(trained):
-    sensor = sensor_preset("rc-visard-65")
-    model = trained(model_named("q_k1"), sensor=sensor)
-    assert model.sensor == sensor
+def test_a_model_keeps_where_it_comes_from(trained, wide_sensor):
+    model = trained(model_named("q_k1"), sensor=wide_sensor)
+    assert model.sensor == wide_sensor
     assert model.provenance.observations == "synthetic.csv"
     assert model.provenance.observations_sha256 == "ab" * 32
     assert not model.provenance.emulated
@@ -213,6 +212,13 @@ def test_observations_that_are_all_alike(trained, table, name):
     alike = changed(table, i_avg=100.0, p_norm=0.9, exposure_ms=10.0)
     with pytest.raises(ObservationError, match=r"all observations are alike: the .* rows hold"):
         trained(model_named(name), alike)
+
+
+def test_exposure_times_that_the_sensor_cannot_take(trained, table):
+    narrow = sensor_preset("rc-visard-65")
+    with pytest.raises(SensorError, match="takes exposure times from"):
+        trained(model_named("q_k1"), table, sensor=narrow)
+    assert trained(model_named("q_k1"), changed(table, emulated=True), sensor=narrow)
 
 
 @pytest.mark.parametrize("name", ["q_k1", "e_k1"])

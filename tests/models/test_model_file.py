@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exposight.cell import sensor_preset
 from exposight.errors import (
     DamagedFileError,
     FileError,
@@ -37,9 +36,9 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def saved(path, trained):
+def saved(path, trained, wide_sensor):
     """The file of a small model, with a sensor in it."""
-    save_model(path, trained(model_named("q_k2"), sensor=sensor_preset("rc-visard-65")))
+    save_model(path, trained(model_named("q_k2"), sensor=wide_sensor))
     return path
 
 
@@ -98,8 +97,8 @@ def test_everything_in_a_model_comes_back(path, trained):
         assert getattr(again, name) == getattr(model, name)
 
 
-def test_a_models_sensor_comes_back(saved):
-    sensor, expected = load_model(saved).sensor, sensor_preset("rc-visard-65")
+def test_a_models_sensor_comes_back(saved, wide_sensor):
+    sensor, expected = load_model(saved).sensor, wide_sensor
     for name in ("name", "cameras", "exposure", "working_distance_mm"):
         assert getattr(sensor, name) == getattr(expected, name)
     np.testing.assert_allclose(
@@ -109,8 +108,8 @@ def test_a_models_sensor_comes_back(saved):
     )
 
 
-def test_the_same_model_gives_the_same_bytes(saved, trained):
-    model = trained(model_named("q_k2"), sensor=sensor_preset("rc-visard-65"))
+def test_the_same_model_gives_the_same_bytes(saved, trained, wide_sensor):
+    model = trained(model_named("q_k2"), sensor=wide_sensor)
     again = saved.with_name("again")
     save_model(again, model)
     assert again.read_bytes() == saved.read_bytes()

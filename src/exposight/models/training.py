@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -41,12 +41,27 @@ _SHARD_SIZE, _COMMUNICATION = 2000, 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Training:
-    """A model to be trained: what `train` is called with.
+    """A model to be trained.
 
     Parameters
     ----------
-    specification, table, seed, source, source_sha256, sensor, restarts, committee_rows
-        As for `train`.
+    specification : ModelSpecification
+        Which one: one of the paper's, or one's own.
+    table : ObservationTable
+        Observations; rows that were not measured, or not well enough for this model, are left
+        out (`ModelSpecification.rows`).
+    seed : int
+        Random seed of the restarts.
+    source : str
+        What the table is, for instance its file's name; kept in the model.
+    source_sha256 : str, optional
+        Checksum of that file; kept in the model.
+    sensor : ActiveSensor, optional
+        The sensor that the observations are of; kept in the model.
+    restarts : int
+        Starts of the optimiser; the paper took three (Sect. 3.3.4).
+    committee_rows : int, optional
+        With more rows than this, train a committee of exact experts; None never does.
     """
 
     specification: ModelSpecification
@@ -73,19 +88,115 @@ class Training:
     def run(
         self, progress: Progress = ignore_progress, *, cluster: str | None = None
     ) -> GaussianProcessModel:
-        """Train the model (`train`)."""
-        return train(
-            self.specification,
-            self.table,
-            seed=self.seed,
-            source=self.source,
-            source_sha256=self.source_sha256,
+        """Train the model.
+
+        Parameters
+        ----------
+        progress : Progress
+            Receives the starts that are done.
+        cluster : str, optional
+            Address of a Dask scheduler whose workers evaluate a committee's shards; threads of this
+            process do it if left out. One exact process is always trained here.
+
+        Raises
+        ------
+        SensorError
+            If the sensor cannot have taken a recorded exposure time.
+        ObservationError
+            If no row is left, or too few, or they are all alike.
+        NumericalError
+            If no start of the optimiser gave a valid model.
+        """
+        specification, restarts, limit = self.specification, self.restarts, self.committee_rows
+        rows = specification.rows(self.table)
+        check_rows(specification.name, "train", rows, self.table, specification.p_norm_min)
+        self._check_exposures(rows)
+        x, y = specification.data(rows)
+        n_lit = self._check_brightness(x)
+
+        def report(stage: str, done: int, total: int) -> None:
+            progress(f"training {specification.name}", done, total)
+
+        report("", 0, restarts)
+        kernel, rng = specification.kernel, np.random.default_rng(self.seed)
+        process: GaussianProcess | Committee
+        result: FitResult | CommitteeFitResult
+        if limit is None or n_lit <= limit:
+            result = fit(kernel, x, y, rng=rng, restarts=restarts, progress=report)
+            process = result.process
+        else:
+            result = fit_committee(
+                kernel,
+                x,
+                y,
+                rng=rng,
+                restarts=restarts,
+                shard_size=min(_SHARD_SIZE, 2 * limit // 3),
+                communication=min(_COMMUNICATION, limit // 3),
+                shard_map=None if cluster is None else partial(_on_cluster, DaskCluster(cluster)),
+                progress=report,
+            )
+            process = result.committee
+        return GaussianProcessModel(
+            name=specification.name,
+            title=specification.title,
+            target=specification.target,
+            inputs=specification.inputs,
+            p_norm_min=specification.p_norm_min,
+            source=specification.source,
+            process=process,
+            summary=FitSummary(
+                log_marginal_likelihood=result.log_marginal_likelihood,
+                converged=result.converged,
+                evaluations=result.evaluations,
+                starts=restarts,
+                parameters_at_bound=result.parameters_at_bound,
+                seconds=result.seconds,
+            ),
+            provenance=Provenance.of(
+                rows, source=self.source, sha256=self.source_sha256, seed=self.seed
+            ),
             sensor=self.sensor,
-            restarts=self.restarts,
-            committee_rows=self.committee_rows,
-            cluster=cluster,
-            progress=progress,
         )
+
+    def _check_exposures(self, rows: ObservationTable) -> None:
+        """Check that the sensor can have taken the recorded rows: wrong unit, or wrong sensor."""
+        if self.sensor is None:
+            return
+        recorded = rows.frame.filter(~rows.frame["emulated"])["exposure_ms"]
+        for exposure_ms in recorded.unique(maintain_order=True):
+            self.sensor.check_exposure(exposure_ms)
+
+    def _check_brightness(self, x: NDArray[np.float64]) -> int:
+        """Count the rows that the kernel does not switch off; there must be some."""
+        specification = self.specification
+        n_lit = int(np.count_nonzero(~specification.kernel.gate(x)))
+        if n_lit or "i_avg" not in specification.inputs:
+            return n_lit
+        grey = x[:, specification.inputs.index("i_avg")]
+        lies = f"lies outside grey levels {I_AVG_MIN:g} to {I_AVG_MAX:g}"
+        if grey.max() < I_AVG_MIN:
+            lies = f"is below grey level {I_AVG_MIN:g}"
+        msg = (
+            f"cannot train {specification.name}: i_avg {lies} in every row (rows: {len(x)}, i_avg: "
+            f"{grey.min():g} to {grey.max():g}), where the model is 0 by design (it learns from "
+            f"{I_AVG_MIN:g} to {I_AVG_MAX:g}); add longer exposure times, and check that i_avg is "
+            "a mean grey level of 0 to 255"
+        )
+        raise ObservationError(msg)
+
+
+def train(
+    specification: ModelSpecification,
+    table: ObservationTable,
+    *,
+    progress: Progress = ignore_progress,
+    cluster: str | None = None,
+    **settings: Any,
+) -> GaussianProcessModel:
+    """Train a Gaussian process; settings as for `Training`, the rest as for `Training.run`."""
+    training = Training(specification=specification, table=table, **settings)
+    return training.run(progress, cluster=cluster)
 
 
 def run_trainings(
@@ -119,10 +230,10 @@ def run_trainings(
     InputError
         If there is no worker, or there are workers here and a cluster, or no such cluster.
     ObservationError, NumericalError
-        As for `train`, or if workers die.
+        As for `Training.run`, or if workers die.
     """
-    pool = choose_workers(workers, cluster)
     ordered = sorted(trainings, key=lambda training: training.cost, reverse=True)
+    pool = choose_workers(workers, cluster)
     progress(_STAGE, 0, len(ordered))
     alone = len(ordered) == 1 and ordered[0].needs_committee  # its shards are shared out instead
     if alone or (cluster is None and min(workers, len(ordered)) <= 1):
@@ -140,165 +251,22 @@ def train_all(
     specifications: Sequence[ModelSpecification],
     table: ObservationTable,
     *,
-    seed: int,
-    source: str = "a table in memory",
-    source_sha256: str | None = None,
-    sensor: ActiveSensor | None = None,
-    restarts: int = 3,
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
+    **settings: Any,
 ) -> tuple[GaussianProcessModel, ...]:
     """Train several models on one table, in parallel.
 
-    Parameters
-    ----------
-    specifications : sequence of ModelSpecification
-        Which models.
-    table, seed, source, source_sha256, sensor, restarts
-        As for `train`.
-    workers, cluster, progress
-        As for `run_trainings`.
-
-    Returns
-    -------
-    tuple of GaussianProcessModel
-        In the order of `specifications`.
-
-    Raises
-    ------
-    InputError, ObservationError, NumericalError
-        As for `run_trainings`.
+    Settings are those of `Training`; workers, cluster, progress and errors those of
+    `run_trainings`. The models come in the order of `specifications`.
     """
-    trainings = [
-        Training(
-            specification=specification,
-            table=table,
-            seed=seed,
-            source=source,
-            source_sha256=source_sha256,
-            sensor=sensor,
-            restarts=restarts,
-        )
-        for specification in specifications
-    ]
+    trainings = [Training(specification=each, table=table, **settings) for each in specifications]
     with closing(
         run_trainings(trainings, workers=workers, cluster=cluster, progress=progress)
     ) as results:
         models = {id(training): model for training, model in results}
     return tuple(models[id(training)] for training in trainings)
-
-
-def train(
-    specification: ModelSpecification,
-    table: ObservationTable,
-    *,
-    seed: int,
-    source: str = "a table in memory",
-    source_sha256: str | None = None,
-    sensor: ActiveSensor | None = None,
-    restarts: int = 3,
-    committee_rows: int | None = COMMITTEE_ROWS,
-    cluster: str | None = None,
-    progress: Progress = ignore_progress,
-) -> GaussianProcessModel:
-    """Train a Gaussian process: one of the paper's models, or one's own.
-
-    Parameters
-    ----------
-    specification : ModelSpecification
-        Which one.
-    table : ObservationTable
-        Observations; rows that were not measured, or not well enough for this model, are left
-        out (`ModelSpecification.rows`).
-    seed : int
-        Of the restarts.
-    source : str
-        What the table is, for instance its file's name; kept in the model.
-    source_sha256 : str, optional
-        Checksum of that file; kept in the model.
-    sensor : ActiveSensor, optional
-        The sensor that the observations are of; kept in the model.
-    restarts : int
-        Starts of the optimiser; the paper took three (Sect. 3.3.4).
-    committee_rows : int, optional
-        With more rows than this, train a committee of exact experts; None never does.
-    cluster : str, optional
-        Address of a Dask scheduler whose workers evaluate a committee's shards; threads of this
-        process do it if left out. One exact process is always trained here.
-    progress : Progress
-        Receives the starts that are done.
-
-    Returns
-    -------
-    GaussianProcessModel
-
-    Raises
-    ------
-    ObservationError
-        If no row is left, or too few, or they are all alike.
-    NumericalError
-        If no start of the optimiser gave a valid model.
-    """
-    rows = specification.rows(table)
-    check_rows(specification.name, "train", rows, table, specification.p_norm_min)
-    x, y = specification.data(rows)
-    lit = ~specification.kernel.gate(x)
-    if not lit.any() and "i_avg" in specification.inputs:
-        grey = x[:, specification.inputs.index("i_avg")]
-        lies = f"lies outside grey levels {I_AVG_MIN:g} to {I_AVG_MAX:g}"
-        if grey.max() < I_AVG_MIN:
-            lies = f"is below grey level {I_AVG_MIN:g}"
-        msg = (
-            f"cannot train {specification.name}: i_avg {lies} in every row (rows: {len(x)}, i_avg: "
-            f"{grey.min():g} to {grey.max():g}), where the model is 0 by design (it learns from "
-            f"{I_AVG_MIN:g} to {I_AVG_MAX:g}); add longer exposure times, and check that i_avg is "
-            "a mean grey level of 0 to 255"
-        )
-        raise ObservationError(msg)
-
-    def report(stage: str, done: int, total: int) -> None:
-        progress(f"training {specification.name}", done, total)
-
-    report("", 0, restarts)
-    kernel, rng = specification.kernel, np.random.default_rng(seed)
-    process: GaussianProcess | Committee
-    result: FitResult | CommitteeFitResult
-    if committee_rows is None or np.count_nonzero(lit) <= committee_rows:
-        result = fit(kernel, x, y, rng=rng, restarts=restarts, progress=report)
-        process = result.process
-    else:
-        result = fit_committee(
-            kernel,
-            x,
-            y,
-            rng=rng,
-            restarts=restarts,
-            shard_size=min(_SHARD_SIZE, 2 * committee_rows // 3),
-            communication=min(_COMMUNICATION, committee_rows // 3),
-            shard_map=None if cluster is None else partial(_on_cluster, DaskCluster(cluster)),
-            progress=report,
-        )
-        process = result.committee
-    return GaussianProcessModel(
-        name=specification.name,
-        title=specification.title,
-        target=specification.target,
-        inputs=specification.inputs,
-        p_norm_min=specification.p_norm_min,
-        source=specification.source,
-        process=process,
-        summary=FitSummary(
-            log_marginal_likelihood=result.log_marginal_likelihood,
-            converged=result.converged,
-            evaluations=result.evaluations,
-            starts=restarts,
-            parameters_at_bound=result.parameters_at_bound,
-            seconds=result.seconds,
-        ),
-        provenance=Provenance.of(rows, source=source, sha256=source_sha256, seed=seed),
-        sensor=sensor,
-    )
 
 
 def _on_cluster(
