@@ -117,7 +117,7 @@ def test_a_forecast_is_written_and_shown(views, tmp_path):
     found.write(tmp_path / "forecast.csv")
     assert pl.read_csv(tmp_path / "forecast.csv").height == found.frame.height
     assert str(found).startswith("best exposure time for 3 features: 40 ms")
-    assert "best 40 ms" in found._repr_html_()
+    assert "3 features: 40 ms" in found._repr_html_()
 
 
 def test_a_view_is_forecast_for_the_features_that_it_sees():

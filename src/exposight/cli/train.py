@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt, PositiveInt
 
@@ -17,20 +16,16 @@ from exposight.cli.result import Result, Written, fact, make_folder
 from exposight.errors import InputError, did_you_mean
 from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
-from exposight.tables import Column, Table, counted, number
+from exposight.tables import Column, Table, counted
 from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from exposight.cell import ActiveSensor
     from exposight.models import GaussianProcessModel, ModelSpecification, Predictor
     from exposight.observing import ObservationTable
 
 _ALL = "all"
-_LEAST_MM = 5.0
-"""A cell's positions reach farther from the TCP than this."""
-
 _LEAST_ROWS = 10
 """So many observations for each input a model wants."""
 
@@ -83,8 +78,6 @@ def train_command(
     specifications = MODELS if _ALL in names else tuple(map(_model, dict.fromkeys(names)))
     table = read_observations(observations)
     owner = None if sensor is None else sensor_named_or_read(sensor)
-    if owner is not None:
-        _check_exposures(table, owner)
     make_folder(output, "the models")
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     with progress_bars() as progress:
@@ -121,19 +114,9 @@ def _model(name: str) -> ModelSpecification:
         raise InputError(msg) from error
 
 
-def _check_exposures(table: ObservationTable, sensor: ActiveSensor) -> None:
-    """Check that the sensor can have taken these exposure times: wrong unit, or wrong sensor."""
-    for exposure_ms in table.array(["exposure_ms"])[:, 0].tolist():
-        sensor.check_exposure(exposure_ms)
-
-
 def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> list[str]:
     """Return what of the table may not have been meant, and what of the fits may disappoint."""
-    notes = [_in_metres(table)]
-    repeated = len(table) - table.frame.n_unique()
-    if repeated:
-        verb = "repeats" if repeated == 1 else "repeat"
-        notes.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
+    notes = list(table.remarks())
     for model in models:
         rows, wanted = model.n_observations, _LEAST_ROWS * len(model.inputs)
         if rows < wanted:
@@ -146,7 +129,7 @@ def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> l
     unfinished = [model.name for model in models if not model.summary.converged]
     if unfinished:
         notes.append(f"{', '.join(unfinished)} did not converge; more --restarts may help")
-    return [note for note in notes if note]
+    return notes
 
 
 def _summary(models: Sequence[GaussianProcessModel], files: Sequence[Written]) -> Table:
@@ -179,20 +162,6 @@ def _summary(models: Sequence[GaussianProcessModel], files: Sequence[Written]) -
             Column(name="converged"),
             Column(name="seconds", label="s", decimals=1),
         ),
-    )
-
-
-def _in_metres(table: ObservationTable) -> str:
-    """Say that a table's positions seem to be in m, if all lie next to the TCP."""
-    measured = table.measured()
-    if len(measured) == 0:
-        return ""
-    farthest = float(np.abs(measured.array(("x_mm", "y_mm", "z_mm"))).max())
-    if farthest >= _LEAST_MM:
-        return ""
-    return (
-        f"no x_mm, y_mm or z_mm is farther than {number(farthest, 3)} mm from 0: are they in "
-        "metres? positions are in mm, multiply by 1000 if so"
     )
 
 

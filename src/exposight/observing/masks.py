@@ -7,7 +7,6 @@ depends on where the sensor stands and not on the exposure, so it is computed on
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ import polars as pl
 
 from exposight.cell import PAPER_TOLERANCE
 from exposight.geometry import outlines_in_camera, pixel_boxes, ring_pixels
+from exposight.tables import Column, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,13 +109,11 @@ class View:
         return tuple(each for each in self.features if each.visibility is Visibility.VISIBLE)
 
     def _repr_html_(self) -> str:
-        cells = "".join(
-            f"<tr><td>{html.escape(each.feature.name)}</td><td>{each.visibility.value}</td>"
-            f"<td>{each.n_pixels}</td><td>{each.incidence_deg:.1f}°</td></tr>"
-            for each in self.features
-        )
-        head = "<tr><th>feature</th><th></th><th>pixels</th><th>incidence</th></tr>"
-        return f"<table>{head}{cells}</table>"
+        reasons = pl.Series("visibility", [each.visibility.value for each in self.features])
+        frame = pose_columns(self.features).with_columns(reasons)
+        columns = ("feature", "visibility", "n_pixels", "incidence_deg", "z_mm")
+        shown = tuple(Column(name=name, digits=3) for name in columns)
+        return Table(name="view", frame=frame, columns=shown)._repr_html_()
 
 
 def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:

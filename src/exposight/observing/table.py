@@ -35,9 +35,8 @@ from exposight.observing.schema import (
     check_whole_numbers,
     missing_column,
 )
-from exposight.quantities import QUANTITIES
 from exposight.statistics import random_split, split_by_group
-from exposight.tables import counted, fixed, number
+from exposight.tables import Column, Table, counted, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -305,24 +304,22 @@ class ObservationTable:
     def _repr_html_(self) -> str:
         measured = self.measured()
         counts = ", ".join(f"{count} {reason}" for reason, count in self.counts().items())
-        lines = [
-            f"<b>{counted(len(self), 'observation')}</b> of "
+        further = ", ".join(self.further_columns) or "none"
+        title = (
+            f"{counted(len(self), 'observation')} of "
             f"{counted(self.frame['feature'].n_unique(), 'feature')} in "
-            f"{counted(self.frame['view'].n_unique(), 'view')} ({counts or 'no rows'}); "
-            f"measured: {len(measured)}"
+            f"{counted(self.frame['view'].n_unique(), 'view')} ({counts or 'no rows'}); further "
+            f"columns: {further}"
+        )
+        values = measured.array(_SHOWN)
+        rows = [
+            {"column": name, "least": min(column), "median": np.median(column), "most": max(column)}
+            for name, column in zip(_SHOWN, values.T.tolist(), strict=True)
+            if column
         ]
-        if self.further_columns:
-            lines.append(f"further columns: {', '.join(self.further_columns)}")
-        cells = []
-        for name in _SHOWN if len(measured) else ():
-            scale, values = QUANTITIES[name], measured.array([name])[:, 0]
-            shown = (values.min(), float(np.median(values)), values.max())
-            numbers = "".join(f"<td>{fixed(value, scale.digits)}</td>" for value in shown)
-            unit = f" ({scale.suffix})" if scale.suffix else ""
-            cells.append(f"<tr><th>{scale.html}{unit}</th>{numbers}</tr>")
-        body = f"<tr><th></th><th>least</th><th>median</th><th>most</th></tr>{''.join(cells)}"
-        text = "<br>".join([lines[0], *map(html.escape, lines[1:])])
-        return f"<div><p>{text}</p>{f'<table>{body}</table>' if cells else ''}</div>"
+        columns = tuple(Column(name=name) for name in ("column", "least", "median", "most"))
+        body = Table.of("observations", rows, columns)._repr_html_() if rows else ""
+        return f"<p>{html.escape(title)}</p>{body}"
 
 
 def wrong_suffix(path: Path, suffix: str) -> str:

@@ -8,7 +8,6 @@ time is chosen for the view, and no pose is.
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from exposight.errors import InputError
 from exposight.files.durable import write_durably
 from exposight.observing import View, pose_columns
 from exposight.quantities import QUANTITIES
+from exposight.tables import Column, Table, counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +32,15 @@ if TYPE_CHECKING:
 
 WANTED_I_AVG = 80.0
 """Grey level, on the plateau of the paper's Fig. 10, which reaches from about 30 to about 120."""
+
+_COLUMNS = (
+    Column(name="feature"),
+    Column(name="i_avg", decimals=0),
+    Column(name="p_norm", decimals=2),
+    Column(name="p_norm_low", label="−2σ", decimals=2),
+    Column(name="p_norm_high", label="+2σ", decimals=2),
+    Column(name="inside", label="inside training"),
+)
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _MIDDLE = len(_NODES) // 2
@@ -104,31 +113,22 @@ class Forecast:
         """Write `frame` as a CSV file, durably."""
         write_durably(Path(path), self.frame.write_csv().encode())
 
-    def __str__(self) -> str:
+    @property
+    def table(self) -> Table:
+        """The features at the best exposure time."""
         best = self.best_exposure_ms()
-        lines = [f"best exposure time for {len(self.features)} features: {best:g} ms"]
-        lines += [
-            f"{name}: {p_norm:.2f} ({low:.2f} … {high:.2f})" + ("" if inside else ", extrapolated")
-            for name, p_norm, low, high, inside in self._at(best)
-        ]
-        return "\n".join(lines)
+        return Table(
+            name="forecast",
+            frame=self.frame.filter(pl.col("exposure_ms") == best),
+            columns=_COLUMNS,
+            title=f"best exposure time for {counted(len(self.features), 'feature')}: {best:g} ms",
+        )
 
-    def _at(self, exposure_ms: float) -> list[tuple[str, float, float, float, bool]]:
-        """Return name, p_norm, its band and whether it is inside, feature by feature."""
-        frame = self.frame.filter(pl.col("exposure_ms") == exposure_ms)
-        return frame.select("feature", "p_norm", "p_norm_low", "p_norm_high", "inside").rows()
+    def __str__(self) -> str:
+        return f"{self.table.title}\n{self.table}"
 
     def _repr_html_(self) -> str:
-        best = self.best_exposure_ms()
-        symbol = QUANTITIES["p_norm"].html
-        head = f"<tr><th>feature</th><th>{symbol} at {best:g} ms</th><th>± 2σ</th><th></th></tr>"
-        cells = "".join(
-            f"<tr><td>{html.escape(name)}</td><td>{p_norm:.2f}</td><td>{low:.2f} … {high:.2f}</td>"
-            f"<td>{'' if inside else 'extrapolated'}</td></tr>"
-            for name, p_norm, low, high, inside in self._at(best)
-        )
-        times = f"{min(self.exposures_ms):g} to {max(self.exposures_ms):g} ms"
-        return f"<p>Forecast over {times}; best {best:g} ms</p><table>{head}{cells}</table>"
+        return f"<p>{self.table.title}</p>{self.table._repr_html_()}"
 
 
 def forecast(

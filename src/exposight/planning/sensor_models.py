@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +20,7 @@ from exposight.models import (
 )
 from exposight.planning.forecasts import Forecast, forecast
 from exposight.quantities import quantity
-from exposight.tables import Column, Table, counted
+from exposight.tables import Column, Table
 from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:
@@ -227,18 +226,26 @@ class SensorModels:
             wanted.append(fitting[0])
         return cls(quality=wanted[0], exposure=wanted[1])
 
-    def _facts(self) -> list[str]:
-        return [
-            f"{model.name}: {quantity(model.target).name} from {', '.join(model.inputs)}"
-            + ("" if model.n_observations is None else f", {counted(model.n_observations, 'row')}")
+    @property
+    def table(self) -> Table:
+        """What the two models read and predict, and how much they learnt from."""
+        rows = [
+            {
+                "model": model.name,
+                "predicts": quantity(model.target).name,
+                "from": model.inputs,
+                "rows": model.n_observations,
+            }
             for model in (self.quality, self.exposure)
         ]
+        columns = tuple(Column(name=name) for name in ("model", "predicts", "from", "rows"))
+        return Table.of("models", rows, columns)
 
     def __str__(self) -> str:
-        return "\n".join(self._facts())
+        return str(self.table)
 
     def _repr_html_(self) -> str:
-        return f"<ul>{''.join(f'<li>{html.escape(fact)}</li>' for fact in self._facts())}</ul>"
+        return self.table._repr_html_()
 
 
 def train_sensor_models(
