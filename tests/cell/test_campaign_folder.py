@@ -432,10 +432,10 @@ def test_the_other_captures_of_a_damaged_campaign_are_readable(folder):
 
 
 def test_no_folder_is_no_campaign(tmp_path):
-    with pytest.raises(MissingFileError, match=r"no campaign at .*gone; expected a folder with"):
+    with pytest.raises(MissingFileError, match=r"no campaign at .*gone: expected a folder with"):
         CampaignFolder(tmp_path / "gone")
 
 
 def test_any_folder_is_no_campaign(tmp_path):
-    with pytest.raises(MissingFileError, match="is no campaign: expected a folder with"):
+    with pytest.raises(MissingFileError, match=r"no campaign at .*: expected a folder with"):
         CampaignFolder(tmp_path)

@@ -66,7 +66,7 @@ def test_a_view_needs_a_name(make_capture):
 
 @pytest.mark.parametrize("name", ["../a.txt", "", ".hidden", "image.png"])
 def test_an_attachment_needs_a_name_of_its_own(make_capture, name):
-    with pytest.raises(InputError, match="an attachment needs the name of a file"):
+    with pytest.raises(InputError, match="an attachment needs a file name"):
         replace(make_capture(), attachments={name: b""})
 
 

@@ -131,8 +131,8 @@ _FORMAT = DocumentFormat("exposight campaign", 1, _Description)
 class CampaignFolder:
     """A campaign on disk, whose captures are read one at a time and verified by checksum.
 
-    Captures come in the order they were taken. Those that a writer adds later are seen after
-    opening the folder again.
+    Captures come in the order they were taken. Captures added later appear when the folder is
+    opened again.
 
     Parameters
     ----------
@@ -153,14 +153,10 @@ class CampaignFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        if not (self.path / _DESCRIPTION).is_file():
-            msg = (
-                f"{self.path} is no campaign: expected a folder with {_DESCRIPTION} in it"
-                if self.path.is_dir()
-                else f"no campaign at {self.path}; expected a folder with {_DESCRIPTION} in it"
-            )
-            raise MissingFileError(msg)
         path = self.path / _DESCRIPTION
+        if not path.is_file():
+            msg = f"no campaign at {self.path}: expected a folder with {_DESCRIPTION} in it"
+            raise MissingFileError(msg)
         description = _FORMAT.unseal(read_bytes(path, "campaign"), str(path))
         sensor = self._text(_SENSOR, description.sensor_sha256)
         features = self._text(_FEATURES, description.features_sha256)
@@ -189,22 +185,14 @@ class CampaignFolder:
             yield read_capture(_capture_path(self.path, number))
 
     def attachments(self, number: int) -> Mapping[str, bytes]:
-        """Return a capture's attachments without reading its image and cloud.
+        """Return a capture's attachments by name without reading its image and cloud.
+
+        Each is read and verified when it is looked up; both raise what `captures` raises.
 
         Parameters
         ----------
         number : int
             One of `numbers`.
-
-        Returns
-        -------
-        mapping of str to bytes
-            Contents by name; each is read and verified when it is looked up.
-
-        Raises
-        ------
-        MissingFileError, DamagedFileError, FormatError, VersionError
-            If one of them cannot be read; the message names the file.
         """
         return read_attachments(_capture_path(self.path, number))
 
@@ -317,7 +305,7 @@ class CampaignWriter:
 
 
 def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> None:
-    """Write a capture under a number of its own, on behalf of a campaign's open writer.
+    """Write a capture under a given number, on behalf of a campaign's open writer.
 
     For the worker processes of a program that holds the campaign's `CampaignWriter`, which keeps
     other programs out and assigns the numbers. If two workers write the same capture, as after one

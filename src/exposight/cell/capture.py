@@ -39,7 +39,7 @@ _FILE_NAME = "[A-Za-z0-9][A-Za-z0-9._-]*"
 
 
 class CaptureKey(NamedTuple):
-    """What tells one capture of a campaign from another."""
+    """Identifies a capture within its campaign."""
 
     view: str
     exposure_ms: float
@@ -101,7 +101,7 @@ class Capture:
         for name in self.attachments:
             if not re.fullmatch(_FILE_NAME, name) or name in _FILES:
                 msg = (
-                    f"an attachment needs the name of a file of its own in letters, digits, '.', "
+                    f"an attachment needs a file name of its own, in letters, digits, '.', "
                     f"'_' and '-', got {name!r}"
                 )
                 raise InputError(msg)
@@ -110,7 +110,7 @@ class Capture:
 
     @property
     def key(self) -> CaptureKey:
-        """View and exposure time: what tells this capture from the others of its campaign."""
+        """View and exposure time, which identify this capture within its campaign."""
         return CaptureKey(self.view, self.exposure_ms)
 
     def __str__(self) -> str:

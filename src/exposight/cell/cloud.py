@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_points(points: ArrayLike) -> NDArray[np.float32]:
-    """Return points as a float32 array of their own, missing ones NaN in all three coordinates.
+    """Return a float32 copy of points, missing ones NaN in all three coordinates.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def check_points(points: ArrayLike) -> NDArray[np.float32]:
         msg = f"a cloud needs real numbers in mm, got an array of {array.dtype}"
         raise CloudError(msg)
     with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
-        own = np.array(array, dtype=np.float32, order="C", copy=True)
-    x, y, z = own[..., 0], own[..., 1], own[..., 2]
+        copy = np.array(array, dtype=np.float32, order="C", copy=True)
+    x, y, z = copy[..., 0], copy[..., 1], copy[..., 2]
     with np.errstate(over="ignore", invalid="ignore"):
         missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
-    own[missing] = np.nan
-    return own
+    copy[missing] = np.nan
+    return copy
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +55,7 @@ class Cloud:
     points : (rows, columns, 3) or (n, 3) ndarray, mm
         Organised like the first camera's image, or unorganised. Copied to float32 and made
         read-only. Missing points — all zero, or with a coordinate that is not finite — become NaN
-        in all three coordinates. Millimetres cannot be told from metres: convert before.
+        in all three coordinates. Points in metres must be converted before.
 
     Attributes
     ----------

@@ -38,16 +38,16 @@ LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, 
 
 
 def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "mm") -> Cloud:
-    """Read a point cloud; the file's suffix tells its format.
+    """Read a point cloud; the file's suffix gives its format.
 
     Parameters
     ----------
     path : Path
         A .ply, .pcd, .xyz, .txt, .csv or .npy file.
     size : (int, int), optional
-        Rows and columns of the image, for an organised cloud whose file does not tell them.
+        Rows and columns of the image, for an organised cloud whose file does not hold them.
     unit : {'mm', 'cm', 'm'}
-        Of the file's coordinates, which files do not tell; the cloud is in mm.
+        Unit of the file's coordinates, which files do not state; the cloud is in mm.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
 
 
 def write_cloud(path: Path, cloud: Cloud) -> None:
-    """Write a point cloud in mm; the file's suffix tells its format.
+    """Write a point cloud in mm; the file's suffix gives its format.
 
     The file is whole or absent. Missing points are written as NaN, so that the order stays.
 

@@ -26,7 +26,7 @@ loop that calls it (`exposight.measuring`).
 Optional members, which the loop looks up by name:
 
 ``part`` : Part
-    What is measured, where the driver knows it; else the caller says so.
+    What is measured, if the driver knows it; otherwise the caller passes it.
 ``concurrent`` : bool
     True if copies of the driver in other processes may capture at the same time. The driver must
     then be picklable. A cell with one robot and one sensor leaves it out.
@@ -67,8 +67,8 @@ class Driver(Protocol):
             Exposure time to take, within the sensor's range. What the sensor was really set to,
             read back from it, goes into the capture's `exposure_ms`.
         camera_from_part : RigidTransform
-            Where the part shall stand, seen from the sensor's first camera, in mm. Where it stands
-            as the cell reports it goes into the capture's `camera_from_part`.
+            Wanted pose of the part in the first camera's frame, in mm. The pose that the cell
+            reports goes into the capture's `camera_from_part`.
         view : str
             Name of this position; the capture gets it.
 

@@ -110,17 +110,17 @@ def features_from_csv(text: str, source: Path) -> tuple[Feature, ...]:
         if len(cells) != len(header):
             msg = f"{source}, row {number}: expected {len(header)} cells, got {len(cells)}"
             raise FormatError(msg)
-        features.append(_Row(source, number, dict(zip(header, map(str.strip, cells), strict=True))))
-    found = tuple(row.feature() for row in features)
-    if not found:
+        row = dict(zip(header, map(str.strip, cells), strict=True))
+        features.append(_Row(source, number, row).feature())
+    if not features:
         msg = f"{source} lists no feature; expected at least one row under its header"
         raise FeatureError(msg)
     try:
-        check_unique_names(found)
+        check_unique_names(tuple(features))
     except FeatureError as error:
         msg = f"{source}: {error}"
         raise FeatureError(msg) from error
-    return found
+    return tuple(features)
 
 
 def _spell(number: float) -> str:

@@ -1,4 +1,4 @@
-"""Grey images: bit depths, full scale, and the 8-bit scale on which brightness is told."""
+"""Grey images: bit depths, full scale, and the 8-bit scale on which brightness is given."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BitDepth = Literal[8, 10, 12, 16]
 BIT_DEPTHS: tuple[int, ...] = get_args(BitDepth)
 
 GREY_MAX = 255.0
-"""Full scale of the paper's grey levels, on which brightness is told whatever the bit depth."""
+"""Full scale of the paper's grey levels, on which brightness is given whatever the bit depth."""
 
 # A quarter of the default level's time for files a tenth larger, at 4 megapixels.
 _PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)

@@ -154,9 +154,9 @@ class Part:
     Parameters
     ----------
     name : str
-        What people call it.
+        Name of the part.
     features : tuple of Feature
-        At least one, each with a name of its own.
+        At least one, with unique names.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def check_unique_names(features: tuple[Feature, ...]) -> None:
         if feature.name in first_at:
             msg = (
                 f"feature {feature.name!r} is there twice, as number {first_at[feature.name]} and "
-                f"number {position}; give every feature a name of its own"
+                f"number {position}; give every feature a unique name"
             )
             raise FeatureError(msg)
         first_at[feature.name] = position

@@ -1,4 +1,4 @@
-"""PLY point clouds: NaN kept, vertex order kept, and the image's size where the file tells it.
+"""PLY point clouds: NaN kept, vertex order kept, and the image's size where the file gives it.
 
 Scanners write the size of an organised cloud as ``obj_info num_cols`` and ``obj_info num_rows``,
 with one vertex per pixel. General mesh readers drop these lines, hence this reader.
@@ -126,7 +126,7 @@ def ply_from_points(points: NDArray[np.float32]) -> bytes:
 
 
 def _read_header(header: str, path: Path) -> tuple[str, list[_Element], dict[str, int]]:
-    """Return the encoding, the elements in their order, and the image's size as told."""
+    """Return the encoding, the elements in their order, and the image's size."""
     encoding, elements, size = "", list[_Element](), dict[str, int]()
     for line in header.splitlines()[1:]:
         try:

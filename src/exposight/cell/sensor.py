@@ -1,6 +1,6 @@
 """An active 3D sensor: cameras, projector, TCP and exposure times; its JSON; the paper's two.
 
-Each figure of the presets has its source beside it. What the paper does not give is said to be
+Each figure of the presets is given with its source. What the paper does not give is marked as
 assumed; replace it with your own sensor's calibration (`write_sensor`, edit, `read_sensor`).
 
 Table 7 gives each projector's "transformation between camera and projector" as a position and
@@ -105,7 +105,7 @@ class ActiveSensor:
     Parameters
     ----------
     name : str
-        What people call it.
+        Name of the sensor.
     cameras : tuple of PinholeCamera
         One, or two for stereo; clouds are in the first one's frame and organised like its image.
     first_from_camera : tuple of RigidTransform

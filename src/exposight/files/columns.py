@@ -50,10 +50,7 @@ def check_columns(
         hints = ["the columns are separated by semicolons: save the file with commas"]
     elif len(set(received)) == len(received) and set(received) == set(expected):
         hints = ["the columns are right and their order is not: sort them"]
-    told = "; ".join(hint for hint in hints if hint)
-    if told:
-        msg += f"; {told}"
-    raise FormatError(msg)
+    raise FormatError("; ".join([msg, *filter(None, hints)]))
 
 
 def _hint(column: str, known: Sequence[str]) -> str:

@@ -321,7 +321,7 @@ _NUMBERS = {"float_parsing", "float_type", "int_parsing", "int_type"}
 
 
 def _fault(details: ErrorDetails, raw: object) -> str:
-    """Return one thing that validation found, in words that fit any file format."""
+    """Return one fault in words that fit any file format."""
     key = _path(details, raw)
     match details["type"]:
         case "missing":

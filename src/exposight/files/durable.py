@@ -1,7 +1,7 @@
 """Files and folders that are either whole or absent, whatever happens while they are written.
 
-A crash, a kill or a full disk in the middle of writing must not leave half a file under a name that
-somebody reads. So everything is written under a temporary name, pushed to the disk (``fsync``), and
+A crash, a kill or a full disk in the middle of writing must not leave half a file under its final
+name. So everything is written under a temporary name, pushed to the disk (``fsync``), and
 only then renamed; POSIX makes the rename atomic. The folder is pushed to the disk too, because the
 name lives there.
 """
@@ -33,7 +33,7 @@ def write_durably(path: Path, data: bytes) -> None:
     path : Path
         The file; its folder must exist. An existing file is replaced.
     data : bytes
-        Everything that the file shall hold.
+        The whole content of the file.
 
     Raises
     ------

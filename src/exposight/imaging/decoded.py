@@ -29,7 +29,7 @@ class PixelFlag(IntFlag):
     LOW_MODULATION = 1
     """The patterns change its grey level too little: unlit, too dark, or out of focus."""
     CLIPPED = 2
-    """A sample is at full scale. Spoils a phase; a Gray code's bit is told all the same."""
+    """A sample is at full scale. Spoils a phase, but not a Gray code's bit."""
     AMBIGUOUS = 4
     """Two bits or more are undecided, or coarse and fine phase disagree."""
     OUTSIDE = 8

@@ -211,10 +211,10 @@ def _check_count(paths: list[Path], count: int | None) -> None:
 
 def _missing_numbers(paths: list[Path]) -> list[int]:
     """Return numbers that the last number in the file names skips, at most eight."""
-    found = [re.findall(r"\d+", path.stem) for path in paths]
-    if not all(found):
+    digits = [re.findall(r"\d+", path.stem) for path in paths]
+    if not all(digits):
         return []
-    numbers = [int(digits[-1]) for digits in found]
+    numbers = [int(groups[-1]) for groups in digits]
     return [gap for a, b in pairwise(numbers) for gap in range(a + 1, min(b, a + 9))][:8]
 
 

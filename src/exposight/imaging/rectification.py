@@ -1,6 +1,6 @@
 """Rectification: two cameras' images turned so that a point lies on the same row of either.
 
-Both are seen as if by one ideal camera at either place, whose x axis runs along the baseline.
+Both look as if taken by one ideal camera at either place, whose x axis runs along the baseline.
 """
 
 from __future__ import annotations

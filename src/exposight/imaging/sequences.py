@@ -37,7 +37,7 @@ class GrayCode:
     frames : tuple of int
         Frame of every bit, most significant first.
     inverse_frames : tuple of int
-        Frame of every bit's inverse; empty where bits are told by the middle of the sequence's
+        Frame of every bit's inverse; empty where the threshold is the middle of the sequence's
         white and black frames.
     code_width : int, px
         Projector pixels per code: 2 where the finest of the bits was left out.
