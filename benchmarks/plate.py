@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Capture, Cloud, Feature, Part
 from exposight.geometry import RigidTransform
-from exposight.observing import FeatureView
+from exposight.observing import FeatureView, PointSearch
 
 RADII_MM = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 
@@ -75,7 +75,7 @@ def _hole(name: str, radius_mm: float, x_mm: float, y_mm: float) -> Feature:
 _SECTIONS = 128  # facets: the mesh's chords lie within 0.01 mm of the cylinder at 30 mm radius
 
 
-class TrimeshSearch:
+class TrimeshSearch(PointSearch):
     """Counts the points of the same pixels that our search looks at (Sect. 3.1.3 of the paper).
 
     Parameters
@@ -85,6 +85,7 @@ class TrimeshSearch:
     """
 
     def __init__(self, points: NDArray[np.float32]) -> None:
+        super().__init__(None, None)
         self._points = points
 
     def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:

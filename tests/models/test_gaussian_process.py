@@ -58,9 +58,9 @@ def test_a_model_keeps_where_it_comes_from(trained, wide_sensor):
 
 
 def test_progress_is_told_after_each_start(trained):
-    told = []
-    trained(model_named("e_k1"), restarts=2, progress=lambda *step: told.append(step))
-    assert told == [("training e_k1", done, 2) for done in range(3)]
+    steps = []
+    trained(model_named("e_k1"), restarts=2, progress=lambda *step: steps.append(step))
+    assert steps == [("training e_k1", done, 2) for done in range(3)]
 
 
 def test_rows_that_were_not_measured_are_left_out(trained, table):

@@ -129,7 +129,7 @@ def test_hyperparameters_say_what_they_act_on_and_their_unit(trained):
 
 def test_one_length_scale_of_several_units_is_mixed(trained):
     parameters = trained(model_named("e_k2")).hyperparameters()
-    assert [own.unit for own in parameters if own.quantity == "length_scale"] == ["mixed"]
+    assert [each.unit for each in parameters if each.quantity == "length_scale"] == ["mixed"]
 
 
 # -- kinds that strangers add --------------------------------------------------------------------

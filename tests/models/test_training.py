@@ -32,7 +32,7 @@ def test_models_are_the_same_for_any_number_of_workers(table):
 
 
 def test_models_come_in_the_order_asked_for(table):
-    assert [model.name for model in train(table)] == [own.name for own in SPECIFICATIONS]
+    assert [model.name for model in train(table)] == [each.name for each in SPECIFICATIONS]
 
 
 def test_progress_counts_models_and_starts(table):

@@ -201,9 +201,9 @@ def test_every_view_has_masks_of_its_own(sensor, facing, make_capture, campaign_
 
 def test_progress_is_told_after_each_capture(sensor, facing, make_capture, campaign_of):
     captures = [make_capture(sensor, facing, exposure_ms=t) for t in (5.0, 10.0)]
-    told = []
-    observe_campaign(campaign_of(*captures), progress=lambda *step: told.append(step[1:]))
-    assert told == [(1, 2), (2, 2)]
+    steps = []
+    observe_campaign(campaign_of(*captures), progress=lambda *step: steps.append(step[1:]))
+    assert steps == [(1, 2), (2, 2)]
 
 
 def test_one_dark_capture_is_an_observation_of_p_norm_zero(

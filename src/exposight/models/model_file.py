@@ -172,7 +172,7 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
 
 
 def is_model_file(path: str | Path) -> bool:
-    """Tell whether a file looks like a model, without verifying it."""
+    """Return whether a file looks like a model, without verifying it."""
     path = Path(path)
     if not path.is_file():
         return False
@@ -183,7 +183,7 @@ def is_model_file(path: str | Path) -> bool:
 
 
 def _is_marked(head: bytes, tail: bytes) -> bool:
-    """Tell a model by its beginning or its end, so that one damage does not make it a stranger."""
+    """Recognise a model by its beginning or its end, so that a damaged one is still one."""
     local_header = b"PK\x03\x04"
     if len(head) < _HEAD_LENGTH:  # cut off where no other file ends
         return head.startswith(local_header)

@@ -69,7 +69,7 @@ class ModelSpecification:
     source: str = ""
 
     def rows(self, table: ObservationTable) -> ObservationTable:
-        """Return the measured rows that the model learns from and is judged by."""
+        """Return the measured rows that the model learns from and is evaluated on."""
         measured = table.measured()
         return measured if self.p_norm_min is None else measured.with_quality(self.p_norm_min)
 

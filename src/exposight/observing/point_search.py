@@ -8,7 +8,7 @@ count that testing every point would.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -29,12 +29,44 @@ _STRAY_PX = 1.0
 """How far beside its pixel a point may lie to be found by it; less than a search box's margin."""
 
 
-class PointSearch(Protocol):
-    """Counts the points inside features' hollow cylinders."""
+class PointSearch:
+    """Counts a cloud's points inside features' hollow cylinders; `point_search` makes one.
+
+    Parameters
+    ----------
+    by_pixel : (h, w, 3) ndarray of float32 or None
+        Points that lie where their pixels look; others are NaN.
+    by_slice : (n, 3) ndarray of float32 or None
+        All other points.
+    """
+
+    def __init__(
+        self, by_pixel: NDArray[np.float32] | None, by_slice: NDArray[np.float32] | None
+    ) -> None:
+        self._by_pixel, self._by_slice = by_pixel, by_slice
+        if by_slice is not None:
+            self._axis = int(np.argmax(np.ptp(by_slice, axis=0))) if len(by_slice) else 0
+            self._by_slice = by_slice[np.argsort(by_slice[:, self._axis], kind="stable")]
+            self._coordinate = np.ascontiguousarray(self._by_slice[:, self._axis])
 
     def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
-        """Return the paper's n_points (Eq. 4) of each."""
-        ...
+        """Return the paper's n_points (Eq. 4) of each feature."""
+        counts = np.zeros(len(views), dtype=np.int64)
+        if self._by_pixel is not None:
+            counts += _count(views, self._by_pixel, [view.search_box for view in views])
+        if self._by_slice is not None:
+            counts += _count(views, self._by_slice, [self._slice(view) for view in views])
+        return counts
+
+    def _slice(self, view: FeatureView) -> PixelBox:
+        centre = view.camera_from_feature.translation_mm[self._axis]
+        reach = view.region.bounding_radius_mm
+        # float32 neighbours of the bounds: searching float32 values must not lose a border point
+        low = np.nextafter(np.float32(centre - reach), np.float32(-np.inf))
+        high = np.nextafter(np.float32(centre + reach), np.float32(np.inf))
+        start = int(np.searchsorted(self._coordinate, low, side="left"))
+        stop = int(np.searchsorted(self._coordinate, high, side="right"))
+        return PixelBox(top=0, bottom=1, left=start, right=stop)
 
 
 def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
@@ -48,16 +80,16 @@ def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
         The camera whose pixels an organised cloud has.
     """
     if not cloud.organised or cloud.valid.shape != (camera.height, camera.width):
-        return _BySlice(cloud.valid_points)
+        return PointSearch(None, cloud.valid_points)
     allowed_x, allowed_y = _STRAY_PX / camera.fx, _STRAY_PX / camera.fy
     stray, n_stray = _find_strays(cloud.points, camera.rays(), allowed_x, allowed_y)
     if n_stray == 0:
-        return _ByPixel(cloud.points)
+        return PointSearch(cloud.points, None)
     if n_stray == cloud.n_valid:
-        return _BySlice(cloud.valid_points)
+        return PointSearch(None, cloud.valid_points)
     following = cloud.points.copy()
     following[stray] = np.nan
-    return _Both(_ByPixel(following), _BySlice(cloud.points[stray]))
+    return PointSearch(following, cloud.points[stray])
 
 
 @njit(parallel=True)
@@ -80,43 +112,6 @@ def _find_strays(
             in_row += marks[u]
         count += in_row
     return stray, count
-
-
-class _ByPixel:
-    def __init__(self, points: NDArray[np.float32]) -> None:
-        self._points = points
-
-    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
-        return _count(views, self._points, [view.search_box for view in views])
-
-
-class _BySlice:
-    def __init__(self, points: NDArray[np.float32]) -> None:
-        self._axis = int(np.argmax(np.ptp(points, axis=0))) if len(points) else 0
-        self._points = points[np.argsort(points[:, self._axis], kind="stable")]
-        self._coordinate = np.ascontiguousarray(self._points[:, self._axis])
-
-    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
-        return _count(views, self._points, [self._slice(view) for view in views])
-
-    def _slice(self, view: FeatureView) -> PixelBox:
-        centre = view.camera_from_feature.translation_mm[self._axis]
-        reach = view.region.bounding_radius_mm
-        # float32 neighbours of the bounds: searching float32 values must not lose a border point
-        low = np.nextafter(np.float32(centre - reach), np.float32(-np.inf))
-        high = np.nextafter(np.float32(centre + reach), np.float32(np.inf))
-        start = int(np.searchsorted(self._coordinate, low, side="left"))
-        stop = int(np.searchsorted(self._coordinate, high, side="right"))
-        return PixelBox(top=0, bottom=1, left=start, right=stop)
-
-
-class _Both:
-    def __init__(self, by_pixel: _ByPixel, by_slice: _BySlice) -> None:
-        self._by_pixel = by_pixel
-        self._by_slice = by_slice
-
-    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
-        return self._by_pixel.count(views) + self._by_slice.count(views)
 
 
 def _count(

@@ -155,7 +155,7 @@ _UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
 
 
 def _other_unit(column: str, name: str) -> bool:
-    """Tell whether a column is a known one in another unit, or without one."""
+    """Return whether a column is a known one in another unit, or without one."""
     suffix = next((end for end in _UNIT_SUFFIXES if name.endswith(end)), None)
     stem = name.removesuffix(suffix) if suffix else None
     return stem is not None and (column == stem or column.startswith(f"{stem}_"))
