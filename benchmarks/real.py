@@ -1,11 +1,13 @@
 """The whole way on recorded stripe images: decoding, observing, learning.
 
-Run with ``make bench NAME=real``. The recordings are found by `exposight.demo.find_skull`.
+Run with ``make bench NAME=real``. The recordings lie in the folder that the environment variable
+EXPOSIGHT_REAL_DATA names, else in ``../shared/data/real``; examples/05_skull.py says what they are.
 """
 
 from __future__ import annotations
 
 import os
+import runpy
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import loadmat
 
 from benchmarks.measuring import Figure, at_least, at_most, best_of, publish, say
 from benchmarks.plate import (
@@ -23,13 +26,7 @@ from benchmarks.plate import (
     plate_capture,
 )
 from exposight.cell import MemoryCampaign, sensor_preset
-from exposight.demo import (
-    SkullSettings,
-    decode_to_cloud,
-    find_skull,
-    read_skull,
-    run_skull,
-)
+from exposight.geometry import read_projector_camera
 from exposight.imaging import (
     compare_along_rays,
     decode,
@@ -43,7 +40,10 @@ from exposight.observing import (
     point_search,
     view_features,
 )
+from exposight.report import CampaignReport
+from exposight.workers import usual_workers
 
+_EXAMPLE = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "05_skull.py"))
 PLATE_POSES_WP_DEG = ((0.0, 0.0), (30.0, 0.0), (0.0, -30.0), (20.0, 15.0), (-10.0, 25.0))
 _DEPTH_LIMITS_MM = (300.0, 2000.0)
 
@@ -51,16 +51,14 @@ _DEPTH_LIMITS_MM = (300.0, 2000.0)
 def decoding(skull: Path) -> list[Figure]:
     """Decode both skull sequences and hold them against the authors' cloud."""
     say("decoding the skull")
-    recording = read_skull(skull)
-    rig = recording.rig
+    rig = read_projector_camera(skull / "calibration.xml")
+    reference = loadmat(skull / "skull_gray" / "pointCloud.mat")["xyz"]
     figures = []
-    for name, preset, stack, median_limit in (
-        ("gray", "skull_gray", recording.gray, 0.40),
-        ("phase", "skull_2x3", recording.phase, 0.38),
-    ):
-        _, cloud = decode_to_cloud(stack, sequence_preset(preset), rig)
-        agreement = compare_along_rays(cloud, recording.authors_points, rig.camera)
-        by_index = np.linalg.norm(cloud.points - recording.authors_points, axis=2)
+    for name, preset, median_limit in (("gray", "skull_gray", 0.40), ("phase", "skull_2x3", 0.38)):
+        stack = read_recording(skull / preset, sequence_preset(preset))
+        cloud = _EXAMPLE["cloud_of"](stack, preset, rig)
+        agreement = compare_along_rays(cloud, reference, rig.camera)
+        by_index = np.linalg.norm(cloud.points - reference, axis=2)
         by_index = by_index[np.isfinite(by_index)]
         figures += [
             at_most(f"{name}_median_mm", agreement.median_mm, median_limit, "mm"),
@@ -84,7 +82,7 @@ def decoding(skull: Path) -> list[Figure]:
 
 def _decoding_time(skull: Path) -> list[Figure]:
     sequence = sequence_preset("skull_2x3")
-    rig = read_skull(skull).rig
+    rig = read_projector_camera(skull / "calibration.xml")
 
     def from_files_to_cloud() -> None:
         decoded = decode(read_recording(skull / "skull_2x3", sequence), sequence)
@@ -200,18 +198,11 @@ def observing_speed() -> list[Figure]:
 
 
 def learning(skull: Path) -> list[Figure]:
-    """Run the demonstration and score the models on features they never saw."""
-    say("running the demonstration (a minute or two)")
-    stages: list[str] = []
-
-    def tell(stage: str, done: int, total: int) -> None:
-        if stage not in stages:
-            stages.append(stage)
-            say(f"  {stage}")
-
+    """Run the example and score the models on features they never saw."""
+    say("running the example (a minute or two)")
     with tempfile.TemporaryDirectory() as folder:
-        result = run_skull(Path(folder), skull, SkullSettings(), tell)
-    scores = {r.model.name: r.unseen.score for r in result.results}
+        report = _EXAMPLE["skull_report"](skull, Path(folder), workers=usual_workers())
+    scores = {own.name: own.evaluation.score for own in report.results}
     figures = [
         Figure(
             name="skull_q1_rmse_percent",
@@ -219,8 +210,8 @@ def learning(skull: Path) -> list[Figure]:
             unit="% of full scale",
         ),
         Figure(name="skull_e_rmse_ms", value=scores["e_k6"].rmse, unit="ms"),
-        Figure(name="skull_features", value=len(result.views)),
-        Figure(name="skull_ring_overlap_share", value=result.overlap),
+        Figure(name="skull_features", value=len(report.summary.features)),
+        Figure(name="skull_ring_overlap_share", value=_ring_overlap(report)),
     ]
     for name, score in scores.items():
         scale, unit = (100.0, "percent") if name.startswith("q") else (1.0, "ms")
@@ -233,9 +224,20 @@ def learning(skull: Path) -> list[Figure]:
     return figures
 
 
+def _ring_overlap(report: CampaignReport) -> float:
+    """Return the share of the unseen features' ring pixels that trained all the same."""
+    trained = np.zeros(report.view.captures[0].image.shape, dtype=bool)
+    for view in report.view.views:
+        if view.feature.name not in report.unseen:
+            trained[view.rows, view.columns] = True
+    unseen = [view for view in report.view.views if view.feature.name in report.unseen]
+    shared = sum(int(trained[view.rows, view.columns].sum()) for view in unseen)
+    return shared / sum(view.n_pixels for view in unseen)
+
+
 def main() -> None:
     """Run everything."""
-    skull = find_skull(os.environ.get("EXPOSIGHT_REAL_DATA"))
+    skull = Path(os.environ.get("EXPOSIGHT_REAL_DATA", "../shared/data/real")) / "skull"
     figures = [
         *decoding(skull),
         *board(skull.parent / "board"),

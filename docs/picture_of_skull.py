@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import runpy
 import tempfile
+from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from picture_style import ACCENT, ACCENT_2, INK, QUIET, save
 
-from exposight.demo import DemoResult, ModelResult, SkullSettings, run_skull
 from exposight.models import model_named
+from exposight.report import CampaignReport, ModelResult
 
 
-def _draw_quality(axes: Axes, result: DemoResult, quality: ModelResult) -> None:
+def _draw_quality(axes: Axes, result: CampaignReport, quality: ModelResult) -> None:
     """Draw p_norm over i_avg, and the one-dimensional model's mean and band."""
     table = result.table.measured()
     i_avg, p_norm, exposure_ms = table.array(["i_avg", "p_norm", "exposure_ms"]).T
@@ -41,7 +44,7 @@ def _draw_quality(axes: Axes, result: DemoResult, quality: ModelResult) -> None:
 
 def _draw_exposure(axes: Axes, exposure: ModelResult) -> None:
     """Draw predicted over observed exposure times of unseen features."""
-    unseen = exposure.unseen
+    unseen = exposure.evaluation
     inside = unseen.prediction.inside
     limit = 1.05 * float(max(unseen.observed.max(), unseen.prediction.mean.max()))
     axes.plot([0, limit], [0, limit], color=INK, linewidth=0.8)
@@ -74,10 +77,16 @@ def _draw_exposure(axes: Axes, exposure: ModelResult) -> None:
 
 
 def draw_skull() -> None:
-    """Run the demonstration on the recording with two models and draw."""
-    settings = SkullSettings(models=(model_named("q_k1"), model_named("e_k6")))
+    """Run the example with two models and draw."""
+    root = Path(__file__).parents[1]
+    recordings = Path(os.environ.get("EXPOSIGHT_REAL_DATA", root.parent / "shared/data/real"))
+    example = runpy.run_path(str(root / "examples" / "05_skull.py"))
     with tempfile.TemporaryDirectory() as folder:
-        result = run_skull(folder, settings=settings)
+        result = example["skull_report"](
+            recordings / "skull",
+            Path(folder),
+            models=(model_named("q_k1"), model_named("e_k6")),
+        )
     quality, exposure = result.results
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     _draw_quality(left, result, quality)

@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+import exposight.twin  # noqa: F401 - before plans: they import each other for now
+
 _REPOSITORY = Path(__file__).resolve().parent.parent
 
 

@@ -15,8 +15,13 @@ PROMISED = {
 SLOW = {"01_ten_lines.py"}
 
 
+NEED_A_RECORDING = ["05_skull.py"]  # tests/real
+
+
 def test_every_example_is_run():
-    assert sorted(PROMISED) == sorted(path.name for path in EXAMPLES.glob("[0-9]*.py"))
+    assert sorted([*PROMISED, *NEED_A_RECORDING]) == sorted(
+        path.name for path in EXAMPLES.glob("[0-9]*.py")
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
-"""Two demonstrations in miniature, on one plate: three exposures, small models."""
+"""A campaign in miniature: one plate, four holes, three exposures, small models."""
 
+import base64
 import json
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,24 +16,10 @@ from exposight.cell import (
     MemoryCampaign,
     Part,
 )
-from exposight.demo import (
-    DoorMesh,
-    DoorResult,
-    DoorSettings,
-    ModelResult,
-    NewView,
-    SequenceCheck,
-    SkullResult,
-    SkullSettings,
-)
 from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.imaging import CloudAgreement, DecodingCounts
-from exposight.models import evaluate, model_named, train
-from exposight.observing import observe_campaign, view_features
-from exposight.planning import forecast
-from exposight.report.door import door_report
-from exposight.report.skull import skull_report
-from exposight.statistics import score
+from exposight.models import model_named, train
+from exposight.observing import observe_campaign
+from exposight.report import PartMesh, campaign_report
 
 EVIL = "<x>&\"'</script>"
 """A feature's name that would break a page which does not escape it."""
@@ -87,112 +73,51 @@ def _capture(exposure_ms):
     )
 
 
-def _model_result(name, known, unseen, sensor):
-    model = train(model_named(name), known, seed=1, sensor=sensor, restarts=1)
-    return ModelResult(
-        model=model, known=evaluate(model, known), unseen=evaluate(model, unseen), seconds=0.25
-    )
-
-
-def _check(title, scale):
-    return SequenceCheck(
-        title=title,
-        counts=DecodingCounts(
-            pixels=10_800, decoded=9_000, low_modulation=1_500, clipped=12, ambiguous=34, outside=0
-        ),
-        agreement=CloudAgreement(distances_mm=scale * np.arange(1.0, 101.0)),
-        seconds=0.5,
-    )
-
-
 @pytest.fixture(scope="session")
-def result():
-    sensor, part = _sensor(), _part()
+def campaign():
     captures = tuple(_capture(exposure_ms) for exposure_ms in _EXPOSURES_MS)
-    campaign = MemoryCampaign(name="plate", sensor=sensor, part=part, captures=captures)
-    table = observe_campaign(campaign)
-    train_features = frozenset({EVIL, "s003"})
-    trains = np.isin(table.names("feature"), list(train_features))
-    known, unseen = table.where(trains), table.where(~trains)
-    return SkullResult(
-        settings=SkullSettings(
-            features=4,
-            steps_each_way=1,
-            steps_per_decade=2,
-            restarts=1,
-            models=tuple(model_named(name) for name in ("q_k1", "q_k4", "e_k1")),
-        ),
-        output=Path("demo"),
-        sensor=sensor,
-        checks=(_check("Gray code", 0.002), _check("phase <shift>", 0.004)),
-        sweep=captures,
-        cloud=captures[1].cloud,
-        views=view_features(part, sensor, RigidTransform()),
-        table=table,
-        train_features=train_features,
-        overlap=0.1234,
-        results=tuple(
-            _model_result(name, known, unseen, sensor) for name in ("q_k1", "q_k4", "e_k1")
-        ),
-    )
+    return MemoryCampaign(name="plate", sensor=_sensor(), part=_part(), captures=captures)
 
 
 @pytest.fixture(scope="session")
-def page(result):
-    return skull_report(result)
+def table(campaign):
+    return observe_campaign(campaign)
 
 
 @pytest.fixture(scope="session")
-def door_result(result):
-    """The same plate as if it were a door: every feature in view, three exposures taken."""
-    names = ("q_k1", "q_k4", "e_k1")
-    trains = np.isin(result.table.names("feature"), list(result.train_features))
-    known, unseen = result.table.where(trains), result.table.where(~trains)
-    results = tuple(_model_result(name, known, unseen, result.sensor) for name in names)
+def models(table):
+    known = table.where(np.isin(table.names("feature"), [EVIL, "s003"]))
     # Six inputs need more observations than two features have.
-    results += (_model_result("e_k6", result.table, unseen, result.sensor),)
-    models = {own.model.name: own.model for own in results}
-    both = models["q_k4"], models["e_k6"]
-    taken = forecast(*both, result.views, _EXPOSURES_MS)
-    measured = result.table.array(["i_avg", "p_norm"]).reshape(3, 4, 2).transpose(2, 1, 0)
-    view = NewView(
-        position_mm=(40.0, 0.0, 70.0),
-        views=result.views,
-        choice=forecast(*both, result.views, (2.0, 5.0, 10.0, 20.0)),
-        chosen_ms=_EXPOSURES_MS[1],
-        taken=taken,
-        captures=result.sweep,
-        i_avg=measured[0],
-        p_norm=measured[1],
-        score=score(measured[1].ravel(), taken.p_norm.ravel(), taken.p_norm_std.ravel()),
-        field_of_view_mm=np.array([[-60.0, -45, 0], [60, -45, 0], [60, 45, 0], [-60, 45, 0]]),
-    )
+    rows = {"q_k1": known, "q_k4": known, "e_k1": known, "e_k6": table}
+    return [train(model_named(name), own, seed=1, restarts=1) for name, own in rows.items()]
+
+
+@pytest.fixture(scope="session")
+def report(campaign, models):
     corners = np.array([[-60, -45, 300], [60, -45, 300], [60, 45, 302], [-60, 45, 300]])
-    return DoorResult(
-        settings=DoorSettings(restarts=1),
-        output=Path("demo"),
-        sensor=result.sensor,
-        table=result.table,
-        train_features=result.train_features,
-        results=results,
-        n_views=1,
-        n_captures=3,
-        new_view=view,
-        mesh=DoorMesh(
-            vertices=corners.astype(np.float32),
-            faces=np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
-        ),
+    mesh = PartMesh(
+        vertices=corners.astype(np.float32),
+        faces=np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
+    )
+    return campaign_report(
+        campaign, models, unseen={"s002", "s004"}, mesh=mesh, notes=("A note on <everything>.",)
     )
 
 
 @pytest.fixture(scope="session")
-def door_page(door_result):
-    return door_report(door_result)
+def page(report):
+    return report.html()
 
 
 @pytest.fixture(scope="session")
-def read_door(door_page):
-    return PageReader(door_page)
+def reader():
+    """Return what reads a page."""
+    return PageReader
+
+
+@pytest.fixture(scope="session")
+def read_page(page):
+    return PageReader(page)
 
 
 class PageReader(HTMLParser):
@@ -250,7 +175,15 @@ class PageReader(HTMLParser):
         """Return the cells of a model's row."""
         return next(row for row in self.rows[table] if row[0]["text"].endswith(f" {model}"))
 
+    def traces(self, name):
+        """Return the traces of an interactive figure."""
+        return self.json(f"{name}-figure")["data"]
 
-@pytest.fixture(scope="session")
-def read_page(page):
-    return PageReader(page)
+    @staticmethod
+    def array(value):
+        """An array as plotly writes it: a list, or typed bytes."""
+        if isinstance(value, dict):
+            flat = np.frombuffer(base64.b64decode(value["bdata"]), dtype=value["dtype"])
+            shape = value.get("shape")
+            return flat.reshape([int(n) for n in shape.split(",")]) if shape else flat
+        return np.asarray(value)

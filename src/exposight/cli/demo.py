@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt
 
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
-from exposight.demo import EXPOSURE_MODEL, QUALITY_MODEL, DoorSettings, run_door
-from exposight.models import model_named
+from exposight.models import Evaluation, model_named
 from exposight.plans import PLANS
-from exposight.report import write_report
-from exposight.report.door import door_report
+from exposight.report import (
+    EXPOSURE_MODEL,
+    QUALITY_MODEL,
+    CampaignReport,
+    DemonstrationSettings,
+    run_demonstration,
+)
 from exposight.tables import Column, Table, number
-
-if TYPE_CHECKING:
-    from exposight.demo import DoorResult
 
 _QUICK_MODELS = ("q_k1", QUALITY_MODEL, "e_k1", EXPOSURE_MODEL)
 _QUICK_PLAN = "small"
@@ -53,52 +54,54 @@ def demo_command(
     quick
         Use fewer views and train fewer models.
     """
-    settings = DoorSettings(seed=seed)
+    settings = DemonstrationSettings(seed=seed)
     if quick:
         models = tuple(map(model_named, _QUICK_MODELS))
-        settings = DoorSettings(seed=seed, plan=PLANS[_QUICK_PLAN], models=models, restarts=1)
+        settings = DemonstrationSettings(
+            seed=seed, plan=PLANS[_QUICK_PLAN], models=models, restarts=1
+        )
     file = Written.at(output / "report.html", "report")
     with progress_bars(kept_in=output) as progress:
-        result = run_door(output, settings, progress)
+        report = run_demonstration(output, settings, progress)
         progress("writing the report", 0, 1)
-        write_report(file.path, door_report(result))
+        report.write(output)
         progress("writing the report", 1, 1)
-    view = result.new_view
+    view, summary = report.view, report.summary
+    mean = view.p_norm.mean(axis=0)
     means = ", ".join(
-        f"{mean:.2f} at {number(exposure_ms)} ms"
-        for mean, exposure_ms in zip(view.p_norm.mean(axis=0), view.taken.exposures_ms, strict=True)
+        f"{p_norm:.2f} at {number(exposure_ms)} ms"
+        for p_norm, exposure_ms in zip(mean, view.exposures_ms, strict=True)
     )
     return Result(
         facts=(
             fact("simulated", True, ""),
-            fact("plan", result.settings.plan.name, ""),
-            fact("views", result.n_views),
-            fact("captures", result.n_captures),
-            fact("observations", len(result.table)),
-            fact("chosen_exposure_ms", view.chosen_ms),
-            fact("mean_p_norm", view.p_norm.mean(axis=0).tolist(), means),
+            fact("plan", settings.plan.name, ""),
+            fact("views", summary.views),
+            fact("captures", summary.captures),
+            fact("observations", len(report.table)),
+            fact("chosen_exposure_ms", view.exposures_ms[view.main]),
+            fact("mean_p_norm", mean.tolist(), means),
             fact("output", str(output)),
         ),
-        tables=(_models(result), _new_view(result)),
+        tables=(_models(report), _new_view(report)),
         notes=("these numbers are the simulated cell's, not a real sensor's",),
         files=(file,),
         next_step=f"info {output / 'models' / (QUALITY_MODEL + '.exposight-model')}",
     )
 
 
-def _models(result: DoorResult) -> Table:
+def _models(report: CampaignReport) -> Table:
     return Table.of(
         "models",
         (
             {
-                "model": trained.model.name,
-                "title": trained.model.title,
-                "target": trained.model.target,
-                **{f"known_{key}": value for key, value in asdict(trained.known.score).items()},
-                **{f"unseen_{key}": value for key, value in asdict(trained.unseen.score).items()},
-                "seconds": trained.seconds,
+                "model": own.name,
+                "title": own.model.title,
+                "target": own.model.target,
+                **_scores("known", own.training),
+                **_scores("unseen", own.evaluation),
             }
-            for trained in result.results
+            for own in report.results
         ),
         (
             Column(name="model"),
@@ -112,20 +115,26 @@ def _models(result: DoorResult) -> Table:
     )
 
 
-def _new_view(result: DoorResult) -> Table:
-    view = result.new_view
-    chosen = view.taken.exposures_ms.index(view.chosen_ms)
+def _scores(features: str, evaluation: Evaluation | None) -> dict[str, float | None]:
+    scores = {} if evaluation is None else asdict(evaluation.score)
+    return {f"{features}_{name}": value for name, value in scores.items()}
+
+
+def _new_view(report: CampaignReport) -> Table:
+    view, chosen = report.view, report.view.main
+    taken = None if view.forecast is None else view.forecast.taken
     return Table.of(
         "new_view",
         (
             {
                 "feature": name,
-                "trained": name in result.train_features,
-                "predicted_p_norm": float(view.taken.p_norm[i, chosen]),
-                "predicted_std": float(view.taken.p_norm_std[i, chosen]),
+                "trained": name not in report.unseen,
+                "predicted_p_norm": float(taken.p_norm[i, chosen]),
+                "predicted_std": float(taken.p_norm_std[i, chosen]),
                 "measured_p_norm": float(view.p_norm[i, chosen]),
             }
-            for i, name in enumerate(view.taken.features)
+            for i, name in enumerate(view.features)
+            if taken is not None
         ),
         (
             Column(name="feature"),
@@ -134,5 +143,6 @@ def _new_view(result: DoorResult) -> Table:
             Column(name="predicted_std", label="± 2σ", decimals=2, scale=2.0),
             Column(name="measured_p_norm", label="measured\np_norm", decimals=2),
         ),
-        title=f"A new view: {number(view.chosen_ms)} ms was chosen by forecast, then taken",
+        title=f"A new view: {number(view.exposures_ms[chosen])} ms was chosen by forecast, then "
+        "taken",
     )

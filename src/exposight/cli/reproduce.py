@@ -13,7 +13,7 @@ from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import FileError, MissingFileError
 from exposight.paper import StudySettings, run_study
-from exposight.report.study import write_study
+from exposight.report import write_study
 from exposight.tables import Column, Table
 from exposight.workers import usual_workers
 

@@ -35,7 +35,7 @@ DEFAULT_MODELS = ("q_k1", "e_k6")
 inputs than brightness the quality models learn what the stripes' phase did to i_avg at each place
 (``docs/the-paper.md``)."""
 
-_EXPOSURES = 60
+_EXPOSURES = 61
 """Exposure times of a forecast, unless they are given."""
 
 _SCORES = (

@@ -1,6 +1,16 @@
 """Results to one HTML page that opens without a network.
 
-Here is what every page is made of; `door`, `skull` and `study` have a page each.
+A page for any campaign and models (`campaign_report`), the demonstration, and the paper's study.
 """
 
-from exposight.report.page import write_report
+import exposight.twin  # before plans: they import each other for now
+from exposight.report.campaign_page import CampaignReport, campaign_report, write_campaign_report
+from exposight.report.campaign_summary import ModelResult
+from exposight.report.demonstration import (
+    EXPOSURE_MODEL,
+    QUALITY_MODEL,
+    DemonstrationSettings,
+    run_demonstration,
+)
+from exposight.report.part_plot import PartMesh, read_part_mesh
+from exposight.report.study_page import StudyFiles, write_study

@@ -1,4 +1,4 @@
-"""How interactive figures are put on the page: their data as JSON, drawn by one inlined script."""
+"""Interactive figures: their style, and their data as JSON that one inlined script draws."""
 
 from __future__ import annotations
 
@@ -6,32 +6,61 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from exposight.report.colours import GRID, INK, MUTED
-from exposight.report.markup import escape
+from markupsafe import Markup
+
+from exposight.report.palette import GRID, INK, MUTED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import plotly.graph_objects as go
+    from numpy.typing import NDArray
 
-
-FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
+_FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """One entry of a menu that shows some traces of a figure.
-
-    Parameters
-    ----------
-    key : str
-        Traces whose ``meta`` is this are shown when it is chosen.
-    title : str
-        What the menu says.
-    """
+    """One entry of a menu: traces whose ``meta`` is its key are shown when it is chosen."""
 
     key: str
     title: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """An interactive figure.
+
+    Parameters
+    ----------
+    name : str
+        Id of its place.
+    json : Markup
+        Plotly's data and layout, in which no tag can hide.
+    menu : str
+        Label of the menu that chooses which traces are shown.
+    choices : tuple of Choice
+        The menu's entries; none for a figure without a menu.
+    chosen : str
+        Key of the entry that is shown at first.
+    """
+
+    name: str
+    json: Markup
+    menu: str = ""
+    choices: tuple[Choice, ...] = ()
+    chosen: str = ""
+
+    @classmethod
+    def of(cls, name: str, drawing: go.Figure, **menu: Any) -> Plot:
+        """Make a plot of a plotly figure; `menu` holds menu, choices and chosen."""
+        return cls(name=name, json=json_block(json.loads(drawing.to_json())), **menu)
+
+
+def json_block(data: Any) -> Markup:
+    """Return data as JSON that may stand inside a script element: no tag can hide in it."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
 
 
 def axis(title: str, **settings: Any) -> dict[str, Any]:
@@ -51,63 +80,56 @@ def axis(title: str, **settings: Any) -> dict[str, Any]:
 def layout(**settings: Any) -> dict[str, Any]:
     """Return a layout of the page's style; settings are plotly's."""
     style = {
-        "font": {"family": FONT, "size": 13, "color": INK},
+        "font": {"family": _FONT, "size": 13, "color": INK},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "margin": {"l": 60, "r": 20, "t": 46, "b": 56},
-        "hoverlabel": {"bgcolor": "white", "bordercolor": MUTED, "font": {"family": FONT}},
+        "hoverlabel": {"bgcolor": "white", "bordercolor": MUTED, "font": {"family": _FONT}},
         "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
         "template": "none",
     }
     return {**style, **settings}
 
 
-def plot(name: str, drawing: go.Figure, *, kind: str = "") -> str:
-    """Return the place of an interactive figure, and its data.
+def coordinates(points: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Lay the camera's axes into plotly's, whose z is up: its y is depth, its z the image's v."""
+    return {"x": points[:, 0], "y": points[:, 2], "z": points[:, 1]}
+
+
+def scene(points: NDArray[Any], camera: dict[str, Any], *, depth_ticks: int = 3) -> dict[str, Any]:
+    """Return a scene that holds (n, 3) points in mm, to scale, its axes with units.
 
     Parameters
     ----------
-    name : str
-        The place's id.
-    drawing : plotly Figure
-        What is drawn there.
-    kind : str
-        Style class that gives its height.
+    points : (n, 3) ndarray, mm
+        x right, y down, z away from the viewer.
+    camera : dict
+        Plotly's, from where the scene is seen at first.
+    depth_ticks : int
+        About how many ticks the axis of depth has.
     """
-    return (
-        f'<div class="plot {kind}" id="{name}"></div>\n'
-        f"{data_block(f'{name}-figure', json.loads(drawing.to_json()))}"
-    )
+    low, high = (edge.astype(float).tolist() for edge in (points.min(0), points.max(0)))
+    size = [max(top - bottom, 1.0) for bottom, top in zip(low, high, strict=True)]
+    x, y, z = ([bottom, bottom + length] for bottom, length in zip(low, size, strict=True))
+    longest = max(size)
+    return {
+        "xaxis": _scene_axis("x (mm)", x),
+        "yaxis": _scene_axis("z (mm), depth", z, ticks=depth_ticks),
+        "zaxis": _scene_axis("y (mm), down", y[::-1]),
+        "aspectmode": "manual",
+        "aspectratio": {"x": size[0] / longest, "y": size[2] / longest, "z": size[1] / longest},
+        "camera": camera,
+        "dragmode": "turntable",
+    }
 
 
-def data_block(name: str, data: Any) -> str:
-    """Return data that the page's script reads, as JSON in which no tag can hide."""
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return f'<script type="application/json" id="{name}">{text}</script>\n'
-
-
-def choices(name: str, label: str, items: Sequence[Choice], chosen: str) -> str:
-    """Return a menu that chooses which traces the figure `name` shows.
-
-    Parameters
-    ----------
-    name : str
-        Id of the figure's place.
-    label : str
-        What is chosen.
-    items : sequence of Choice
-        The entries.
-    chosen : str
-        Key of the entry that is shown at first.
-    """
-    options = "".join(
-        f'<option value="{escape(item.key)}"{" selected" if item.key == chosen else ""}>'
-        f"{escape(item.title)}</option>"
-        for item in items
-    )
-    return (
-        f'<p class="control"><label for="{name}-menu">{escape(label)}</label> '
-        f'<select id="{name}-menu" data-plot="{name}" autocomplete="off">{options}</select></p>\n'
-    )
+def _scene_axis(title: str, limits: list[float], ticks: int = 6) -> dict[str, Any]:
+    return {
+        "title": {"text": title},
+        "range": limits,
+        "nticks": ticks,
+        "showbackground": False,
+        "gridcolor": GRID,
+        "zeroline": False,
+        "showspikes": False,
+    }

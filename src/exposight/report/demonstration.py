@@ -1,0 +1,284 @@
+"""The demonstration: a door in the simulated cell is measured, learnt, and met in a new view.
+
+Some features train in views over three depth planes, others are never shown to the models. Then
+the sensor stands where it never stood: the exposure time is chosen by prediction alone, the view
+is taken, and what came is compared with what was predicted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.cell import write_features
+from exposight.errors import InputError
+from exposight.models import MODEL_SUFFIX, ModelSpecification, model_named, save_model, train_all
+from exposight.observing import Visibility, observe_campaign, view_features
+from exposight.planning import SensorModels
+from exposight.plans import PLANS, DepthPlane, MeasuringPlan, views
+from exposight.report.campaign_page import CampaignReport, make_folder, sensor_facts
+from exposight.report.campaign_summary import evaluate_models, summarise
+from exposight.report.part_plot import PartMesh
+from exposight.report.shown_view import show_view, with_forecast
+from exposight.twin.campaign import CellSettings, scene_at, simulate
+from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
+from exposight.workers import Progress, ignore_progress, usual_workers
+
+if TYPE_CHECKING:
+    from exposight.cell import ActiveSensor, CampaignFolder
+    from exposight.models import Predictor
+    from exposight.observing import ObservationTable
+    from exposight.report.shown_view import ShownView, show_view, with_forecast
+
+QUALITY_MODEL, EXPOSURE_MODEL = "q_k4", "e_k6"
+"""The paper's best models of each kind (Tables 2 and 3); they forecast the new view."""
+
+_MODELS = tuple(map(model_named, ("q_k1", QUALITY_MODEL, "e_k1", "e_k4", EXPOSURE_MODEL)))
+_UNSEEN_SUFFIX = "_test"  # as the door's test features are called
+_BRACKET = 4.0
+"""How much shorter and longer than the chosen one the other two exposure times are."""
+
+_NEW_POSITION = DepthPlane(
+    name="new",
+    # Between the campaign's depth planes, and off the grid of each in x and y.
+    z_tcp_mm=70.0,
+    x_mm=(40.0,),
+    y_mm=(0.0,),
+    exposures_ms=(1.0,),  # until they are chosen
+)
+
+_COARSE = MeshSettings(
+    lattice_mm=7.0,
+    fine_curvature_per_mm=0.03,
+    rim_spacing_mm=2.0,
+    border_spacing_mm=6.0,
+    growth=1.4,
+    arc_steps=1,
+)
+"""Some 50 000 triangles for one skin: enough for a picture, and quick to draw."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemonstrationSettings:
+    """What the demonstration does.
+
+    Parameters
+    ----------
+    seed : int
+        Random seed of noise, alignment errors and restarts.
+    restarts : int
+        Starts of each model's optimiser; the paper took three.
+    models : tuple of ModelSpecification
+        Which ones are trained; `QUALITY_MODEL` and `EXPOSURE_MODEL` among them.
+    plan : MeasuringPlan
+        The campaign. Its features whose names end in ``_test`` do not train.
+    workers : int
+        Processes that work at the same time.
+
+    Raises
+    ------
+    InputError
+        If one of the two models is missing, no feature is left to train or to evaluate on, or
+        there is no restart or worker.
+    """
+
+    seed: int = 1
+    restarts: int = 3
+    models: tuple[ModelSpecification, ...] = _MODELS
+    plan: MeasuringPlan = PLANS["demo"]
+    workers: int = usual_workers()
+
+    def __post_init__(self) -> None:
+        if min(self.restarts, self.workers) < 1:
+            msg = (
+                "a demonstration needs at least 1 restart and 1 worker, got "
+                f"{self.restarts} and {self.workers}"
+            )
+            raise InputError(msg)
+        names = [model.name for model in self.models]
+        missing = [name for name in (QUALITY_MODEL, EXPOSURE_MODEL) if name not in names]
+        if missing:
+            msg = (
+                f"the demonstration needs the models {QUALITY_MODEL} and {EXPOSURE_MODEL}, got "
+                f"{', '.join(names) or 'none'}; add {' and '.join(missing)}"
+            )
+            raise InputError(msg)
+        unseen = {name for name in self.plan.features if name.endswith(_UNSEEN_SUFFIX)}
+        if not 0 < len(unseen) < len(self.plan.features):
+            msg = (
+                f"plan {self.plan.name!r}: the demonstration needs features that train and "
+                f"features whose names end in {_UNSEEN_SUFFIX!r}, got "
+                f"{', '.join(self.plan.features)}"
+            )
+            raise InputError(msg)
+
+
+def run_demonstration(
+    output: str | Path,
+    settings: DemonstrationSettings | None = None,
+    progress: Progress = ignore_progress,
+) -> CampaignReport:
+    """Run the whole method on the simulated cell.
+
+    Whatever was captured stays in ``output/campaign`` and ``output/new-view``; run again, only
+    what is missing is made.
+
+    Parameters
+    ----------
+    output : path
+        Folder for campaign, observations and models; made if it is not there.
+    settings : DemonstrationSettings, optional
+        What to do.
+    progress : Progress
+        Receives what is done.
+
+    Returns
+    -------
+    CampaignReport
+        Of the campaign; its view is the new one. `CampaignReport.write` writes its page.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a demonstration of other settings.
+    """
+    settings = settings or DemonstrationSettings()
+    folder = make_folder(Path(output))
+    progress("building the door", 0, 1)
+    part = settings.plan.observed_part(scene_at(None).part)
+    progress("building the door", 1, 1)
+    plan = replace(settings.plan, seed=settings.seed)
+    rings = CellSettings(rings_only=True, workers=settings.workers)
+    campaign = _simulate(plan, folder / "campaign", rings, "measuring the door", progress)
+    write_features(folder / "features.csv", part.features)
+    table = observe_campaign(campaign, progress=progress)
+    table.write(folder / "observations.csv")
+    unseen = frozenset(name for name in table.names("feature") if name.endswith(_UNSEEN_SUFFIX))
+    known = table.where(~np.isin(table.names("feature"), list(unseen)))
+    models = train_all(
+        settings.models,
+        known,
+        seed=settings.seed,
+        source=f"plan {plan.name!r} on the simulated cell",
+        sensor=campaign.sensor,
+        restarts=settings.restarts,
+        workers=settings.workers,
+        progress=progress,
+    )
+    make_folder(folder / "models")
+    for model in models:
+        save_model(folder / "models" / f"{model.name}{MODEL_SUFFIX}", model)
+    view = _new_view(plan, folder / "new-view", campaign, models, progress)
+    return _report(settings, campaign, table, models, unseen, view)
+
+
+def door_mesh() -> PartMesh:
+    """Mesh the door's inner skin coarsely: the same shape, holes and all."""
+    sheet = mesh_sheet(DOOR, _COARSE)
+    used, faces = np.unique(sheet.faces[~sheet.outer], return_inverse=True)
+    return PartMesh(
+        vertices=sheet.vertices[used].astype(np.float32),
+        faces=faces.reshape(-1, 3).astype(np.int32),
+    )
+
+
+def _simulate(
+    plan: MeasuringPlan, folder: Path, settings: CellSettings, stage: str, progress: Progress
+) -> CampaignFolder:
+    try:
+        return simulate(plan, folder, settings, lambda done, total: progress(stage, done, total))
+    except InputError as error:
+        msg = f"{error} (it may hold another demonstration, or one of another seed)"
+        raise InputError(msg) from error
+
+
+def _new_view(
+    plan: MeasuringPlan,
+    folder: Path,
+    campaign: CampaignFolder,
+    models: tuple[Predictor, ...],
+    progress: Progress,
+) -> ShownView:
+    """Forecast the view at all exposure times, choose one, and only then take the view."""
+    sensor, part = campaign.sensor, campaign.part
+    named = {model.name: model for model in models}
+    forecasting = SensorModels(quality=named[QUALITY_MODEL], exposure=named[EXPOSURE_MODEL])
+    progress("forecasting a new view", 0, 1)
+    plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
+    (planned,) = views(plan, part, sensor)
+    visible = tuple(
+        view
+        for view in view_features(part, sensor, planned.reported_camera_from_part)
+        if view.visibility is Visibility.VISIBLE
+    )
+    choice = forecasting.forecast(visible)
+    chosen_ms = choice.best_exposure_ms()
+    exposures_ms = _bracket(chosen_ms, sensor)
+    forecast = forecasting.forecast(visible, exposures_ms)
+    progress("forecasting a new view", 1, 1)
+    plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
+    taken = _simulate(plan, folder, CellSettings(), "taking the new view", progress)
+    view = show_view(observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken)
+    return with_forecast(view, forecasting, (choice, forecast))
+
+
+def _bracket(chosen_ms: float, sensor: ActiveSensor) -> tuple[float, float, float]:
+    """Return an exposure time well below the chosen one, itself, and one well above it."""
+    shorter_ms = max(chosen_ms / _BRACKET, sensor.exposure.min_ms)
+    longer_ms = min(chosen_ms * _BRACKET, sensor.exposure.max_ms)
+    return sensor.nearest_exposure(shorter_ms), chosen_ms, sensor.nearest_exposure(longer_ms)
+
+
+def _report(
+    settings: DemonstrationSettings,
+    campaign: CampaignFolder,
+    table: ObservationTable,
+    models: tuple[Predictor, ...],
+    unseen: frozenset[str],
+    view: ShownView,
+) -> CampaignReport:
+    plan, summary = settings.plan, summarise(table)
+    results = evaluate_models(models, table, unseen)
+    times = summary.exposures_ms
+    x, y, z = next(where for _, where in _NEW_POSITION.positions())
+    trained = [own.name for own in summary.features if own.name not in unseen]
+    return CampaignReport(
+        title="A simulated car door: point-cloud quality and exposure time, predicted",
+        lead="Demonstration of exposight on a car door in a simulated measuring cell.",
+        table=table,
+        summary=summary,
+        view=view,
+        results=results,
+        unseen=unseen,
+        sensor=campaign.sensor,
+        mesh=door_mesh(),
+        facts=(
+            (
+                "measuring plan",
+                f"{plan.name}: {summary.views} views, {len(campaign)} captures, "
+                f"{times[0]:.3g} to {times[-1]:.3g} ms; only the rings’ neighbourhoods taken",
+            ),
+            ("features that trained", ", ".join(sorted(trained))),
+            (
+                "new view",
+                f"feature {plan.reference} at x {x:g}, y {y:g}, z {z:g} mm in the sensor’s TCP "
+                "frame; whole frames",
+            ),
+            ("seed", f"{settings.seed} (noise, alignment errors, restarts)"),
+            ("optimiser", f"{settings.restarts} starts for each model"),
+            *sensor_facts(campaign.sensor),
+        ),
+        template="demonstration.html",
+        content={
+            "view_words": "the new view",
+            "view_title": "A new view, at three exposure times",
+            "trained": trained,
+            "model_scores": {own.name: own.evaluation.score for own in results},
+            "command": "exposight demo"
+            + ("" if plan.name == DemonstrationSettings().plan.name else " --quick")
+            + f" --seed {settings.seed}",
+        },
+    )

@@ -1,0 +1,283 @@
+"""Figures and tables of trained models: what they predict beside what was measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import escape
+from matplotlib.colors import LinearSegmentedColormap
+
+from exposight.models import I_AVG_MIN, P_NORM_MIN
+from exposight.quantities import QUANTITIES, quantity
+from exposight.report.palette import (
+    ACCENT,
+    EXPOSURE_SCALE,
+    INK,
+    MUTED,
+    OUTSIDE,
+    P_NORM_SCALE,
+    rgb,
+)
+from exposight.report.part_plot import feature_title
+from exposight.report.plots import Choice, Plot, axis, layout
+from exposight.report.stills import draw_still, label_panel, plain_axes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
+
+    from exposight.models import Evaluation
+    from exposight.observing import ObservationTable
+    from exposight.report.campaign_summary import CampaignSummary, ModelResult
+    from exposight.report.shown_view import ShownView
+    from exposight.report.stills import Still
+
+_BRIGHTNESS_MODEL = "q_k1"
+_PREFERRED = {"p_norm": "q_k4", "exposure_ms": "e_k6"}
+_GREY_LEVELS = np.linspace(0.0, 255.0, 511)
+_NOT_MEASURED = "#f0f2f4"
+_NAMED = 45
+"""More features than these have no names beside their rows."""
+_TICKS_MS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
+_THIN = "rgba(11, 100, 119, 0.35)"
+
+
+def exposure_still(summary: CampaignSummary) -> Still:
+    """Draw each feature's p_norm at each exposure time, and above how many reach `P_NORM_MIN`."""
+    names = [own.name for own in summary.features]
+    rows, columns = summary.p_norm.shape
+    named = rows <= _NAMED
+
+    def draw(figure: Figure) -> None:
+        top, map_ = figure.subplots(
+            2, 1, sharex=True, height_ratios=(1.2, max(2.2, 0.19 * rows if named else 4.0))
+        )
+        places = np.arange(columns)
+        colours = [ACCENT if own == summary.best else "#b9cfd5" for own in places]
+        top.bar(places, summary.good, width=0.82, color=colours)
+        top.set_ylim(0, 1.18 * max(1, rows))
+        top.axhline(rows, color=MUTED, linewidth=0.8, linestyle=":")
+        plain_axes(top, "", "features")
+        label_panel(
+            top,
+            f"{QUANTITIES['p_norm'].math} ≥ {P_NORM_MIN:g}: {summary.good[summary.best]} of {rows} "
+            f"at {summary.exposures_ms[summary.best]:.4g} ms",
+        )
+        scale = LinearSegmentedColormap.from_list("p_norm", P_NORM_SCALE, bad=_NOT_MEASURED)
+        order = slice(None) if named else np.argsort(np.nanmax(summary.p_norm, axis=1))[::-1]
+        image = map_.imshow(
+            summary.p_norm[order], cmap=scale, vmin=0, vmax=1, aspect="auto",
+            interpolation="nearest",
+        )  # fmt: skip
+        every = -(-columns // 16)
+        map_.set_xticks(places[::every], [f"{t:.3g}" for t in summary.exposures_ms[::every]])
+        map_.set_yticks(range(rows), names) if named else map_.set_yticks([])
+        map_.tick_params(length=0)
+        map_.spines[:].set_visible(False)
+        map_.set_xlabel(QUANTITIES["exposure_ms"].axis_math)
+        map_.set_ylabel("" if named else f"{rows} features, best first")
+        figure.colorbar(
+            image, ax=[top, map_], label=QUANTITIES["p_norm"].axis_math, shrink=0.7, aspect=30
+        )
+
+    height = 2.2 + (0.19 * rows if named else 3.4)
+    title = "Best quality of each feature at each exposure time"
+    return draw_still("exposures", title, (8.2, height), draw)
+
+
+def brightness_still(
+    table: ObservationTable, results: Sequence[ModelResult], unseen: frozenset[str]
+) -> Still:
+    """Draw p_norm over i_avg: every observation, and what the one-dimensional model learnt."""
+    rows = table.measured()
+    values = rows.array(["i_avg", "p_norm", "exposure_ms"])
+    apart = np.isin(rows.names("feature"), list(unseen))
+    model = next((own.model for own in results if own.name == _BRIGHTNESS_MODEL), None)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        if model is not None:
+            prediction = model.predict(i_avg=_GREY_LEVELS)
+            low, high = (prediction.mean + side * prediction.std for side in (-2, 2))
+            axes.fill_between(
+                _GREY_LEVELS, low, high, color=ACCENT, alpha=0.14, linewidth=0,
+                label="±2σ of a new observation",
+            )  # fmt: skip
+        scale = LinearSegmentedColormap.from_list("exposure", EXPOSURE_SCALE)
+        kinds = ((~apart, "o", "features that trained" if apart.any() else "observations"),)
+        for mask, mark, title in (*kinds, (apart, "D", "unseen features")):
+            if not mask.any():
+                continue
+            dots = axes.scatter(
+                values[mask, 0], values[mask, 1], c=np.log10(values[mask, 2]), cmap=scale,
+                vmin=np.log10(values[:, 2].min()), vmax=np.log10(values[:, 2].max()),
+                s=11, marker=mark, alpha=0.6, linewidth=0, label=title, rasterized=True,
+            )  # fmt: skip
+        if model is not None:
+            axes.plot(
+                _GREY_LEVELS, prediction.mean, color=ACCENT, linewidth=2.4,
+                label="mean of the brightness model",
+            )  # fmt: skip
+        axes.axvline(I_AVG_MIN, color=MUTED, linewidth=0.9, linestyle=":")
+        axes.axhline(P_NORM_MIN, color=MUTED, linewidth=0.9, linestyle="--")
+        axes.set_xlim(0, 258)
+        axes.set_ylim(-0.05, 1.25)
+        plain_axes(axes, QUANTITIES["i_avg"].axis_math, QUANTITIES["p_norm"].axis_math)
+        bar = figure.colorbar(dots, label=QUANTITIES["exposure_ms"].axis_math)
+        ticks = [own for own in _TICKS_MS if values[:, 2].min() <= own <= values[:, 2].max()]
+        bar.set_ticks(np.log10(ticks).tolist(), labels=[f"{own:g}" for own in ticks])
+        figure.legend(loc="outside lower center", ncols=4, markerscale=1.6)
+
+    return draw_still("brightness", "Quality over brightness", (8.2, 4.4), draw)
+
+
+def choice_plot(view: ShownView, unseen: frozenset[str]) -> Plot | None:
+    """Draw forecast quality over exposure time, and what was measured; None without a forecast."""
+    if view.forecast is None:
+        return None
+    choice = view.forecast.choice
+    drawing = go.Figure()
+    for name, p_norm in zip(choice.features, choice.p_norm, strict=True):
+        drawing.add_scatter(
+            x=choice.exposures_ms,
+            y=p_norm.astype(np.float32),
+            mode="lines",
+            line={"color": _THIN, "width": 1.4, "dash": "dot" if name in unseen else "solid"},
+            name=feature_title(name, unseen),
+            hovertemplate="%{y:.2f} at %{x:.4g} ms",
+            showlegend=False,
+        )
+    for x, y, name, style in (
+        (
+            choice.exposures_ms,
+            choice.p_norm.mean(axis=0),
+            "predicted, mean over features",
+            {"mode": "lines", "line": {"color": ACCENT, "width": 3.5}},
+        ),
+        (
+            view.exposures_ms,
+            np.nanmean(view.p_norm, axis=0),
+            "measured, mean over features",
+            {"mode": "markers", "marker": {"color": INK, "size": 11, "symbol": "diamond"}},
+        ),
+    ):
+        drawing.add_scatter(x=x, y=y, name=name, hovertemplate="%{y:.3f} at %{x:.4g} ms", **style)
+    best_ms = choice.best_exposure_ms()
+    drawing.add_vline(x=best_ms, line={"color": MUTED, "width": 1, "dash": "dash"})
+    drawing.update_layout(
+        layout(
+            xaxis=axis("exposure time (ms)", type="log", tickvals=_TICKS_MS, ticktext=_TICKS_MS),
+            yaxis=axis(QUANTITIES["p_norm"].axis_html, range=[-0.05, 1.1]),
+        )
+    )
+    return Plot.of("choice", drawing)
+
+
+def forecast_still(view: ShownView, unseen: frozenset[str]) -> Still | None:
+    """Draw predicted and measured p_norm of each feature of a view; None without a forecast."""
+    if view.forecast is None:
+        return None
+    taken, places = view.forecast.taken, np.arange(len(view.features))
+    named = len(places) <= _NAMED
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(view.exposures_ms), sharex=True, sharey=True, squeeze=False)
+        for index, axes in enumerate(panels[0]):
+            axes.errorbar(
+                taken.p_norm[:, index], places, xerr=2 * taken.p_norm_std[:, index], fmt="o",
+                color=ACCENT, ecolor="#7fb1bb", elinewidth=4 if named else 1, markersize=5,
+                label="predicted ± 2σ",
+            )  # fmt: skip
+            axes.plot(view.p_norm[:, index], places, "D", color=INK, markersize=5, label="measured")
+            plain_axes(axes, QUANTITIES["p_norm"].axis_math, "")
+            axes.set_xlim(-0.7, 1.7)
+            axes.set_xticks([0, 0.5, 1])
+            label_panel(axes, f"{view.exposures_ms[index]:.4g} ms")
+        axes.set_ylim(len(places) - 0.5, -0.5)
+        axes.set_yticks(places if named else [], view.features if named else [])
+        for label, name in zip(panels[0, 0].get_yticklabels(), view.features, strict=False):
+            label.set_fontweight("bold" if name in unseen else "normal")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+
+    height = 1.3 + (0.24 * len(places) if named else 5.0)
+    title = "Predicted and measured quality of each feature"
+    return draw_still("forecast", title, (8.2, height), draw)
+
+
+def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
+    """Draw predicted over observed values, a menu of models; None if none predicts the target."""
+    results = [own for own in results if own.model.target == target]
+    if not results:
+        return None
+    names = [own.name for own in results]
+    preferred = _PREFERRED.get(target, names[-1])
+    chosen = preferred if preferred in names else names[-1]
+    shown = quantity(target)
+    drawing = go.Figure()
+    observed = np.concatenate([own.evaluation.observed for own in results])
+    ends = [min(0.0, float(observed.min())), float(observed.max()) * 1.02]
+    drawing.add_scatter(
+        x=ends,
+        y=ends,
+        mode="lines",
+        line={"color": MUTED, "width": 1, "dash": "dash"},
+        name="predicted = observed",
+        hoverinfo="skip",
+    )
+    for own in results:
+        for inside in (True, False):
+            _add_predictions(drawing, own.evaluation, shown.suffix, own.name, inside, chosen)
+    drawing.update_layout(
+        layout(
+            xaxis=axis(f"observed {shown.axis_html}"), yaxis=axis(f"predicted {shown.axis_html}")
+        )
+    )
+    return Plot.of(
+        f"predicted-{target}",
+        drawing,
+        menu=f"model of the {shown.name}",
+        choices=tuple(
+            Choice(key=own.name, title=f"{own.name} – {own.model.title}") for own in results
+        ),
+        chosen=chosen,
+    )
+
+
+def _add_predictions(
+    drawing: go.Figure, evaluation: Evaluation, unit: str, name: str, inside: bool, chosen: str
+) -> None:
+    prediction = evaluation.prediction
+    mask = prediction.inside == inside
+    if not mask.any():
+        return
+    colour = ACCENT if inside else OUTSIDE
+    red, green, blue = rgb(colour)
+    rows = evaluation.table.where(mask)
+    exposures = rows.array(["exposure_ms"])[:, 0]
+    drawing.add_scatter(
+        x=evaluation.observed[mask].astype(np.float32),
+        y=prediction.mean[mask].astype(np.float32),
+        error_y={
+            "array": (2 * prediction.std[mask]).astype(np.float32),
+            "thickness": 0.8,
+            "width": 0,
+            "color": f"rgba({red},{green},{blue},0.2)",
+        },
+        mode="markers",
+        marker={"color": colour, "size": 5, "symbol": "circle" if inside else "diamond-open"},
+        name="inside range" if inside else "outside",
+        text=[
+            f"{escape(feature)}, {exposure:.4g} ms"
+            for feature, exposure in zip(rows.names("feature"), exposures, strict=True)
+        ],
+        hovertemplate=(
+            f"<b>%{{text}}</b><br>observed %{{x:.4g}} {unit}<br>"
+            f"predicted %{{y:.4g}} ± %{{error_y.array:.2g}} {unit}<extra></extra>"
+        ),
+        meta=name,
+        visible=name == chosen,
+    )

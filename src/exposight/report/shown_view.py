@@ -1,0 +1,241 @@
+"""One view in full: what was measured in it, its captures, and what models forecast of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+
+from exposight.geometry import RigidTransform
+from exposight.models import P_NORM_MIN
+from exposight.observing import Visibility, view_features
+from exposight.planning import SensorModels
+from exposight.statistics import score
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.cell import ActiveSensor, Capture, CaptureSource
+    from exposight.models import Predictor
+    from exposight.observing import FeatureView, ObservationTable
+    from exposight.planning import Forecast
+    from exposight.statistics import RegressionScore
+
+_BRACKET = 4.0
+"""How much shorter and longer than the shown one the other two exposure times are."""
+_POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
+_FORECASTING = ("q_k4", "e_k6")
+"""The paper's best models (Tables 2 and 3); they forecast where they are at hand."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ViewForecast:
+    """What two models expect of a view, from its pose alone, and how right they were.
+
+    Parameters
+    ----------
+    quality, exposure : str
+        Names of the models.
+    choice : Forecast
+        Over all exposure times that were weighed.
+    taken : Forecast
+        At the exposure times of the shown captures.
+    score : RegressionScore
+        Of the forecast p_norm at them.
+    """
+
+    quality: str
+    exposure: str
+    choice: Forecast
+    taken: Forecast
+    score: RegressionScore
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShownView:
+    """A view in full: n features at m exposure times.
+
+    Parameters
+    ----------
+    name : str
+        The view.
+    features : tuple of str
+        The n features that it measures.
+    radii_mm : (n,) ndarray, mm
+        Their radii.
+    tcp_from_feature : tuple of RigidTransform
+        Where they stand.
+    exposures_ms : tuple of float, ms
+        The m exposure times, ascending.
+    main : int
+        Index of the one to look at first.
+    i_avg, p_norm : (n, m) ndarray
+        What was measured; NaN where nothing was.
+    captures : tuple of Capture
+        The m captures; none where there are no images.
+    views : tuple of FeatureView
+        The features' masks; none where there are no images.
+    sensor : ActiveSensor or None
+        That took the captures.
+    forecast : ViewForecast or None
+        What models expect of the view.
+    """
+
+    name: str
+    features: tuple[str, ...]
+    radii_mm: NDArray[np.float64]
+    tcp_from_feature: tuple[RigidTransform, ...]
+    exposures_ms: tuple[float, ...]
+    main: int
+    i_avg: NDArray[np.float64]
+    p_norm: NDArray[np.float64]
+    captures: tuple[Capture, ...] = ()
+    views: tuple[FeatureView, ...] = ()
+    sensor: ActiveSensor | None = None
+    forecast: ViewForecast | None = None
+
+    @property
+    def good(self) -> tuple[int, ...]:
+        """Number of features with a p_norm of at least `P_NORM_MIN` at each exposure time."""
+        return tuple((self.p_norm >= P_NORM_MIN).sum(axis=0).tolist())
+
+
+def fullest_view(table: ObservationTable) -> str:
+    """Return the view that measures most features; of several the one with most observations."""
+    frame = table.measured().frame
+    counts = frame.group_by("view", maintain_order=True).agg(
+        pl.col("feature").n_unique().alias("features"), pl.len().alias("rows")
+    )
+    return str(counts.sort("features", "rows", descending=True, maintain_order=True)["view"][0])
+
+
+def show_view(
+    table: ObservationTable,
+    *,
+    name: str | None = None,
+    main_ms: float | None = None,
+    campaign: CaptureSource | None = None,
+) -> ShownView:
+    """Pick a view and three of its exposure times: one to look at first, a shorter, a longer one.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        What was observed.
+    name : str, optional
+        The view; the one that measures most features by default.
+    main_ms : float, optional, ms
+        The exposure time to look at first; the one with the highest mean p_norm by default.
+    campaign : CaptureSource, optional
+        Brings the view's captures.
+    """
+    name = fullest_view(table) if name is None else name
+    rows = table.measured()
+    rows = rows.where(rows.names("view") == name)
+    features = tuple(dict.fromkeys(rows.names("feature")))
+    times = np.unique(rows.array(["exposure_ms"]))
+    i_avg, p_norm = np.full((2, len(features), len(times)), np.nan)
+    for feature, *values in rows.frame.select("feature", "exposure_ms", "i_avg", "p_norm").rows():
+        place = features.index(feature), np.searchsorted(times, values[0])
+        i_avg[place], p_norm[place] = values[1:]
+    main = int(np.nanmean(p_norm, axis=0).argmax()) if main_ms is None else None
+    main_ms = float(times[main]) if main_ms is None else main_ms
+    shown = sorted({_nearest(times, main_ms * own) for own in (1 / _BRACKET, 1.0, _BRACKET)})
+    first = rows.frame.unique("feature", keep="first", maintain_order=True)
+    view = ShownView(
+        name=name,
+        features=features,
+        radii_mm=first["radius_mm"].to_numpy(),
+        tcp_from_feature=tuple(
+            RigidTransform.from_fanuc_wpr(pose[:3], *pose[3:])
+            for pose in first.select(*_POSE).iter_rows()
+        ),
+        exposures_ms=tuple(times[shown].tolist()),
+        main=shown.index(_nearest(times, main_ms)),
+        i_avg=i_avg[:, shown],
+        p_norm=p_norm[:, shown],
+    )
+    return view if campaign is None else _with_captures(view, campaign)
+
+
+def _nearest(times: NDArray[np.float64], wanted_ms: float) -> int:
+    return int(np.abs(np.log(times / wanted_ms)).argmin())
+
+
+def _with_captures(view: ShownView, campaign: CaptureSource) -> ShownView:
+    captures = tuple(
+        sorted(
+            (
+                capture
+                for capture in campaign.captures()
+                if capture.view == view.name and capture.exposure_ms in view.exposures_ms
+            ),
+            key=lambda capture: capture.exposure_ms,
+        )
+    )
+    if not captures:
+        return view
+    masks = view_features(campaign.part, campaign.sensor, captures[0].camera_from_part)
+    by_name = {own.feature.name: own for own in masks if own.visibility is Visibility.VISIBLE}
+    return replace(
+        view,
+        captures=captures,
+        views=tuple(by_name[name] for name in view.features),
+        sensor=campaign.sensor,
+    )
+
+
+def forecasting_models(models: Sequence[Predictor]) -> SensorModels | None:
+    """Pick a quality and an exposure-time model that can forecast a view from its pose.
+
+    The paper's best of each kind are preferred, then those with most inputs; None if there are not
+    both.
+    """
+    chosen = []
+    for target, preferred in zip(("p_norm", "exposure_ms"), _FORECASTING, strict=True):
+        able = [
+            model
+            for model in models
+            if model.target == target and set(model.inputs) <= {"i_avg", *_POSE}
+        ]
+        if not able:
+            return None
+        chosen.append(max(able, key=lambda own: (own.name == preferred, len(own.inputs))))
+    return SensorModels(quality=chosen[0], exposure=chosen[1])
+
+
+def with_forecast(
+    view: ShownView, models: SensorModels, taken_before: tuple[Forecast, Forecast] | None = None
+) -> ShownView:
+    """Forecast a view, and compare with what it measured; a view without captures stays as it is.
+
+    Parameters
+    ----------
+    view : ShownView
+        Where its features stand is known from its captures.
+    models : SensorModels
+        Forecast it.
+    taken_before : (Forecast, Forecast), optional
+        Forecasts that were made before the view was taken, over all exposure times and at those of
+        the view; made now by default.
+    """
+    if not view.views:
+        return view
+    choice, taken = taken_before or (
+        models.forecast(view.views),
+        models.forecast(view.views, view.exposures_ms),
+    )
+    there = np.isfinite(view.p_norm)
+    return replace(
+        view,
+        forecast=ViewForecast(
+            quality=models.quality.name,
+            exposure=models.exposure.name,
+            choice=choice,
+            taken=taken,
+            score=score(view.p_norm[there], taken.p_norm[there], taken.p_norm_std[there]),
+        ),
+    )
