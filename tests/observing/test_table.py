@@ -245,7 +245,7 @@ def test_another_unit_in_the_header(written, right, wrong):
     pl.read_csv(path).rename({right: wrong}).write_csv(path)
     with pytest.raises(
         FormatError,
-        match=f"column '{wrong}' has another unit or none: expected '{right}'; convert",
+        match=f"column {wrong} .* convert to .* and name it {right}",
     ):
         read_observations(path)
 
@@ -544,7 +544,7 @@ def test_inputs_alone_can_be_read(tmp_path):
     ("text", "message"),
     [
         ("i_avg\n90\n", r"planned\.csv: missing columns z_mm; found i_avg"),
-        ("i_avg,z_m\n90,0.1\n", "column 'z_m' has another unit or none: expected 'z_mm'"),
+        ("i_avg,z_m\n90,0.1\n", "column z_m is in m: convert to mm and name it z_mm"),
         ("i_avg,z_mm\nbright,0\n", "values of the wrong type"),
     ],
 )

@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING
 from exposight.errors import FormatError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 
-_UNITS = {"m", "cm", "um", "µm", "in", "inch", "inches", "metre", "meter", "mm"}
+_UNITS: Mapping[str, frozenset[str]] = {
+    "mm": frozenset({"m", "cm", "um", "µm", "in", "inch", "inches", "metre", "meter"}),
+    "ms": frozenset({"s", "sec", "us", "µs", "ns", "min"}),
+    "deg": frozenset({"rad", "mrad", "degree", "degrees"}),
+}
+"""Units of columns, each with others that it is mistaken for."""
 
 
 def check_columns(
@@ -38,14 +43,15 @@ def check_columns(
     ------
     FormatError
         If the columns are others. The message lists expected and received ones, and says which
-        have another unit than mm.
+        have another unit.
     """
     expected = [*required, *(column for column in optional if column in received)]
     if list(received) == expected:
         return
     spelled = ",".join(required) + "".join(f"[,{column}]" for column in optional)
     msg = f"{source}: expected the columns {spelled}, got {','.join(received)}"
-    hints = [_hint(column, (*required, *optional)) for column in received]
+    known = (*required, *optional)
+    hints = [unit_hint(column, known) for column in received if column not in known]
     if len(received) == 1 and ";" in received[0]:
         hints = ["the columns are separated by semicolons: save the file with commas"]
     elif len(set(received)) == len(received) and set(received) == set(expected):
@@ -53,13 +59,28 @@ def check_columns(
     raise FormatError("; ".join([msg, *filter(None, hints)]))
 
 
-def _hint(column: str, known: Sequence[str]) -> str:
-    """Say what is wrong with one column, where a unit is."""
-    if column in known:
-        return ""
-    quantity, _, unit = column.rpartition("_")
-    if unit.lower() in _UNITS and f"{quantity}_mm" in known:
-        return f"{column} is in {unit}: convert to mm and name it {quantity}_mm"
-    if f"{column.lower()}_mm" in known:
-        return f"{column} has no unit: convert to mm if it is not, and name it {column.lower()}_mm"
+def unit_hint(column: str, known: Iterable[str]) -> str:
+    """Return what to do about a column that is a known one in another unit or without a unit.
+
+    Parameters
+    ----------
+    column : str
+        An unknown column, such as ``x_m``.
+    known : iterable of str
+        Known columns, whose names end with their units: ``x_mm``.
+
+    Returns
+    -------
+    str
+        Empty where the column is something else.
+    """
+    for name in known:
+        stem, _, unit = name.rpartition("_")
+        if unit not in _UNITS or column == name:
+            continue
+        if column.lower() == stem.lower():
+            return f"{column} has no unit: convert to {unit} if it is not, and name it {name}"
+        other = column.lower().removeprefix(f"{stem.lower()}_")
+        if other in _UNITS[unit]:
+            return f"{column} is in {other}: convert to {unit} and name it {name}"
     return ""

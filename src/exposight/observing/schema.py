@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from exposight.errors import FormatError, ObservationError
+from exposight.files.columns import unit_hint
 from exposight.observing.masks import Visibility
 from exposight.quantities import QUANTITIES
 
@@ -136,12 +137,9 @@ def check_columns_present(present: Sequence[str], required: Sequence[str]) -> No
         raise FormatError(msg)
     unknown = [name for name in present if name not in SCHEMA]
     for name in missing:
-        other = next((column for column in unknown if _other_unit(column, name)), None)
-        if other:
-            msg = (
-                f"column '{other}' has another unit or none: expected '{name}'; convert the values "
-                "and rename the column"
-            )
+        hint = next(filter(None, (unit_hint(column, [name]) for column in unknown)), "")
+        if hint:
+            msg = f"column {hint}"
             raise FormatError(msg)
         meant = _misspelt(name, unknown)
         if meant:
@@ -149,16 +147,6 @@ def check_columns_present(present: Sequence[str], required: Sequence[str]) -> No
             raise FormatError(msg)
     msg = f"missing columns {', '.join(missing)}; found {', '.join(present)}"
     raise FormatError(msg)
-
-
-_UNIT_SUFFIXES = ("_ms", "_mm", "_deg")
-
-
-def _other_unit(column: str, name: str) -> bool:
-    """Return whether a column is a known one in another unit, or without one."""
-    suffix = next((end for end in _UNIT_SUFFIXES if name.endswith(end)), None)
-    stem = name.removesuffix(suffix) if suffix else None
-    return stem is not None and (column == stem or column.startswith(f"{stem}_"))
 
 
 def _misspelt(name: str, others: Sequence[str]) -> str | None:
