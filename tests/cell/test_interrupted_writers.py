@@ -73,7 +73,10 @@ WITHOUT_END = """
 fill(sys.argv[2], range(1, 1000))
 """
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and fork are POSIX")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and fork are POSIX"),
+]
 
 
 def command(script: str, *arguments: object) -> list[str]:

@@ -38,11 +38,13 @@ def test_one_worker_is_this_process():
     assert list(LocalProcesses(1).run(abs, [-1, -2])) == [(-1, 1), (-2, 2)]
 
 
+@pytest.mark.slow
 def test_workers_give_every_task_with_its_result():
     assert sorted(LocalProcesses(2).run(abs, range(-5, 0))) == [(-n, n) for n in (5, 4, 3, 2, 1)]
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_closing_ends_workers_in_the_middle_of_their_tasks():
     with closing(LocalProcesses(2).run(time.sleep, [0.0, LONG_S, LONG_S + 1])) as results:
         next(results)
@@ -51,6 +53,7 @@ def test_closing_ends_workers_in_the_middle_of_their_tasks():
     assert time.monotonic() - start < SOON_S
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_workers_of_a_killed_process_end_too():
     process = subprocess.Popen(
