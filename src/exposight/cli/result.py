@@ -78,24 +78,6 @@ class Written:
         return cls(kind=kind, path=path, replaced=path.is_file())
 
 
-def make_folder(folder: Path, what: str) -> None:
-    """Make the folder that something shall be written to.
-
-    Raises
-    ------
-    FileError
-        If it cannot be made; the message says what for.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        if folder.is_file():
-            reason = "it is a file, and a folder is needed"
-        msg = f"{folder} cannot be used for {what}: {reason}"
-        raise FileError(msg) from error
-
-
 @dataclass(frozen=True, kw_only=True)
 class Result:
     """What a command found out and did.

@@ -10,8 +10,9 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt
 
-from exposight.cli.result import Result, Written, fact, make_folder
+from exposight.cli.result import Result, Written, fact
 from exposight.errors import ObservationError
+from exposight.files.durable import make_folder
 from exposight.observing import read_observations
 from exposight.statistics import random_split, split_by_group
 from exposight.tables import Column, Table, counted

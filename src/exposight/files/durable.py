@@ -152,3 +152,29 @@ def _refused(path: Path, error: OSError) -> FileError:
     else:
         reason = error.strerror or str(error)
     return FileError(f"{path} was not written: {reason}")
+
+
+def make_folder(folder: Path, what: str = "output") -> Path:
+    """Make a folder with its parents if it is not there, and return it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    what : str
+        What it is for, for messages.
+
+    Raises
+    ------
+    FileError
+        If it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        if folder.is_file():
+            reason = "it is a file, and a folder is needed"
+        msg = f"{folder} cannot be used for {what}: {reason}"
+        raise FileError(msg) from error
+    return folder

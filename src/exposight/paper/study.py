@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from exposight.errors import FileError
+from exposight.files.durable import make_folder
 from exposight.models import Training
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect
@@ -92,7 +92,10 @@ def run_study(
         observations, a full disk.
     """
     settings = settings or StudySettings()
-    observations, models = _make_folders(Path(folder))
+    observations, models = (
+        make_folder(Path(folder) / "observations"),
+        make_folder(Path(folder) / "models"),
+    )
     observed = {
         campaign.name: measured
         for campaign in CAMPAIGNS
@@ -117,17 +120,6 @@ def run_study(
         learning_curves=curves,
     )
     return replace(result, findings=judge(result))
-
-
-def _make_folders(folder: Path) -> tuple[Path, Path]:
-    folders = folder / "observations", folder / "models"
-    for path in folders:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            msg = f"{path} cannot be used for output: {error.strerror or error}"
-            raise FileError(msg) from error
-    return folders
 
 
 def _sensors(observed: Mapping[str, ObservedCampaign]) -> dict[SensorKind, ActiveSensor]:

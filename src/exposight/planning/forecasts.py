@@ -161,7 +161,7 @@ def forecast(
         If a model reads what is only known of captures.
     """
     features = view.visible if isinstance(view, View) else tuple(view)
-    if not features or not exposures_ms:
+    if not len(features) or not len(exposures_ms):
         msg = (
             "a forecast needs at least one visible feature and one exposure time, got "
             f"{len(features)} and {len(exposures_ms)}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.errors import InputError, MissingFileError
+from exposight.files.durable import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
     ModelSpecification,
@@ -187,8 +188,7 @@ class SensorModels:
         FileError
             If they cannot be written.
         """
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = make_folder(Path(folder), "the models")
         paths = tuple(
             folder / f"{model.name}{MODEL_SUFFIX}" for model in (self.quality, self.exposure)
         )

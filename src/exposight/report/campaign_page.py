@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FileError, InputError
+from exposight.errors import InputError
+from exposight.files.durable import make_folder
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.report.campaign_summary import (
@@ -257,22 +258,6 @@ def write_campaign_report(
     path = report.write(output)
     progress(_STAGE, 1, 1)
     return report, path
-
-
-def make_folder(folder: Path) -> Path:
-    """Make a folder if it is not there, and return it.
-
-    Raises
-    ------
-    FileError
-        If it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"{folder} cannot be used for output: {error.strerror or error}"
-        raise FileError(msg) from error
-    return folder
 
 
 def sensor_facts(sensor: ActiveSensor) -> tuple[tuple[str, str], ...]:

@@ -15,11 +15,12 @@ import numpy as np
 
 from exposight.cell import write_features
 from exposight.errors import InputError
+from exposight.files.durable import make_folder
 from exposight.models import MODEL_SUFFIX, ModelSpecification, model_named, save_model, train_all
 from exposight.observing import Visibility, observe_campaign, view_features
 from exposight.planning import SensorModels
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan, views
-from exposight.report.campaign_page import CampaignReport, make_folder, sensor_facts
+from exposight.report.campaign_page import CampaignReport, sensor_facts
 from exposight.report.campaign_summary import evaluate_models, summarise
 from exposight.report.part_plot import PartMesh
 from exposight.report.shown_view import show_view, with_forecast

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exposight.files.durable import write_durably
+from exposight.files.durable import make_folder, write_durably
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.paper import (
     BestAndWorst,
@@ -23,7 +23,6 @@ from exposight.paper import (
     study_figures,
     table_files,
 )
-from exposight.report.campaign_page import make_folder
 from exposight.report.rendering import (
     render_page,
     write_page,
