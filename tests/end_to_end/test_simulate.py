@@ -270,8 +270,6 @@ def test_a_table_that_cannot_be_written_is_told_at_once(name, message, plan, run
     [
         ([], "give a measuring plan: a TOML or YAML file"),
         (["x", "--workers", "0"], "workers"),
-        (["x", "--workers", "2", "--cluster", "tcp://host:8786"], "give one of them"),
-        (["x", "--cluster", "nowhere:1"], "'nowhere:1' lacks the protocol; expected the address"),
         (["x", "--observe", "--no-clouds"], "keeps neither clouds nor frames"),
         (["x", "--observe", "--raw-frames"], "keeps neither clouds nor frames"),
     ],

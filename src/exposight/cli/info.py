@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from exposight.errors import FormatError, ImageError, MissingFileError, did_you_
 from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
 from exposight.geometry import read_ros_camera_info as read_camera_info
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
-from exposight.models import MODEL_SUFFIX, is_model_file, load_model
+from exposight.models import MODEL_SUFFIX, GaussianProcessModel, is_model_file, load_model
 from exposight.observing import read_observations
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
@@ -33,33 +33,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     Matches = Callable[[Path], bool]
-    Describe = Callable[[Path], Iterator[Fact]]
+    Describe = Callable[[Path], Iterable[Fact]]
 
 _IMAGES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm")
 _CLOUDS = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix != ".csv")
 _COLUMNS = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of file or folder: what it is known by, how it is recognised, read and described."""
-
-    name: str
-    known_by: str
-    matches: Matches
-    facts: Describe
-
-
-KINDS: list[Kind] = []
-"""Every kind; the first that matches is what a file is."""
+KINDS: list[tuple[str, str, Matches, Describe]] = []
+"""Name, what it is known by, whether a path is one, its facts; the first that matches counts."""
 
 
 def _kind(name: str, known_by: str, matches: Matches) -> Callable[[Describe], Describe]:
     """Register the function that reads a kind of file and yields the facts worth knowing."""
 
-    def register(facts: Describe) -> Describe:
-        KINDS.append(Kind(name, known_by, matches, facts))
-        return facts
+    def register(describe: Describe) -> Describe:
+        KINDS.append((name, known_by, matches, describe))
+        return describe
 
     return register
 
@@ -82,20 +72,22 @@ def info_command(file: Path, /) -> Result:
     file
         Any of these files or folders, or the name of a measuring plan or sensor preset.
     """
-    names = (*PLANS, *PRESETS)
-    if not file.exists() and str(file) not in names:
+    if not file.exists() and str(file) not in (names := (*PLANS, *PRESETS)):
         msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
         raise MissingFileError(msg + did_you_mean(str(file), names))
-    for kind in KINDS:
-        if kind.matches(file):
-            head = (fact("path", str(file), ""), fact("kind", kind.name, ""))
-            tables = (hyperparameter_table(load_model(file)),) if kind.name == "model" else ()
-            return Result(
-                title=f"{file}: {kind.name}", facts=(*head, *kind.facts(file)), tables=tables
-            )
-    known = ", ".join(f"{kind.name} ({kind.known_by})" for kind in KINDS)
+    for kind, _, matches, describe in KINDS:
+        if matches(file):
+            facts = (fact("path", str(file), ""), fact("kind", kind, ""), *describe(file))
+            tables = (hyperparameter_table(load_model(file)),) if kind == "model" else ()
+            return Result(title=f"{file}: {kind}", facts=facts, tables=tables)
+    known = ", ".join(f"{kind} ({known_by})" for kind, known_by, _, _ in KINDS)
     msg = f"{file}: not something that exposight knows; it knows {known}"
     raise FormatError(msg)
+
+
+def _facts(**values: object) -> Iterator[Fact]:
+    """Return facts whose texts are their values."""
+    return (fact(name, value) for name, value in values.items())
 
 
 def _range(name: str, values: Iterable[float]) -> Fact:
@@ -141,16 +133,13 @@ def _campaign(path: Path) -> Iterator[Fact]:
             emulated += capture.emulated
             clouds += capture.cloud is not None
             progress("verifying captures", done, len(campaign))
-    yield fact("name", campaign.name)
-    yield fact("part", campaign.part.name)
-    yield fact("sensor", campaign.sensor.name)
+    yield from _facts(name=campaign.name, part=campaign.part.name, sensor=campaign.sensor.name)
     yield _names("features", [feature.name for feature in campaign.part.features])
     yield _names("views", sorted({key.view for key in keys}))
     yield fact("exposures_ms", sorted({key.exposure_ms for key in keys}))
     yield fact("captures", len(campaign), f"{len(campaign)}, every file verified")
-    yield fact("clouds", clouds)
-    yield fact("emulated", emulated)
-    yield fact("simulated", (folder / RECORD_FILE).is_file())
+    simulated = (folder / RECORD_FILE).is_file()
+    yield from _facts(clouds=clouds, emulated=emulated, simulated=simulated)
 
 
 @_kind("scene", f"folder with {MESH_FILE}", lambda path: (path / MESH_FILE).is_file())
@@ -163,17 +152,13 @@ def _scene(path: Path) -> Iterator[Fact]:
 @_kind("model", MODEL_SUFFIX, lambda path: path.suffix == MODEL_SUFFIX or is_model_file(path))
 def _model(path: Path) -> Iterator[Fact]:
     model = load_model(path)
-    yield fact("model", model.name)
-    yield fact("title", model.title)
-    yield fact("target", model.target)
+    yield from _facts(model=model.name, title=model.title, target=model.target)
     for name, limits in model.training_range.items():
         yield _range(name, limits)
-    yield fact("observations", model.n_observations)
-    yield fact("sensor", model.sensor.name if model.sensor else None)
-    summary = getattr(model, "summary", None)
-    fit = asdict(summary) if summary else {}
-    for name, value in {**fit, **asdict(model.provenance)}.items():
-        yield fact("trained_on" if name == "observations" else name, value)
+    sensor = model.sensor.name if model.sensor else None
+    yield from _facts(rows=model.n_observations, sensor=sensor, **asdict(model.provenance))
+    if isinstance(model, GaussianProcessModel):
+        yield from _facts(**asdict(model.summary))
 
 
 @_kind(
@@ -185,8 +170,8 @@ def _model(path: Path) -> Iterator[Fact]:
         or (str(path) in PLANS and not path.exists())
     ),
 )
-def _plan(path: Path) -> Iterator[Fact]:
-    yield from plan_summary(plan_from(str(path)))
+def _plan(path: Path) -> Iterable[Fact]:
+    return plan_summary(plan_from(str(path)))
 
 
 @_kind(
@@ -194,8 +179,8 @@ def _plan(path: Path) -> Iterator[Fact]:
     ".json, or a preset's name",
     lambda path: str(path) in PRESETS or _named(".json", having="exposight sensor")(path),
 )
-def _sensor(path: Path) -> Iterator[Fact]:
-    yield from sensor_facts(cell.sensor_named_or_read(str(path)))
+def _sensor(path: Path) -> Iterable[Fact]:
+    return sensor_facts(cell.sensor_named_or_read(str(path)))
 
 
 @_kind("observation table", ".csv", _named(".csv", having="exposure_ms|p_norm"))
@@ -225,8 +210,7 @@ def _features(path: Path) -> Iterator[Fact]:
 @_kind("point cloud", ", ".join(_CLOUDS), _named(*_CLOUDS))
 def _cloud(path: Path) -> Iterator[Fact]:
     cloud = cell.read_cloud(path)
-    yield fact("points", cloud.n_valid)
-    yield fact("organised", cloud.organised)
+    yield from _facts(points=cloud.n_valid, organised=cloud.organised)
     yield fact("shape", list(cloud.valid.shape), " × ".join(map(str, cloud.valid.shape)))
     for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
         yield _range(name, cloud.valid_points[:, axis])
@@ -242,8 +226,7 @@ def _image(path: Path) -> Iterator[Fact]:
     bits = 8 * image.dtype.itemsize
     clipped = float(np.mean(image == 2**bits - 1))
     yield fact("size_px", [image.shape[1], image.shape[0]], f"{image.shape[1]} × {image.shape[0]}")
-    yield fact("bits", bits)
-    yield fact("channels", 1 if image.ndim == 2 else image.shape[2])
+    yield from _facts(bits=bits, channels=1 if image.ndim == 2 else image.shape[2])
     yield _range("grey_levels", (image.min(), image.max()))
     yield fact("clipped_share", clipped, f"{100 * clipped:.1f} % at full scale")
 
@@ -284,9 +267,7 @@ def _calibration(path: Path) -> Iterator[Fact]:
 @_kind("pattern sequence", ".toml", _named(".toml"))
 def _sequence(path: Path) -> Iterator[Fact]:
     sequence = read_sequence(path)
-    yield fact("name", sequence.name)
-    yield fact("frames", sequence.n_frames)
+    yield from _facts(name=sequence.name, frames=sequence.n_frames, bits=sequence.bit_depth)
     yield fact("file_pattern", sequence.file_pattern)
-    yield fact("bits", sequence.bit_depth)
     for axis, coding, _ in sequence.axes():
         yield fact(axis, asdict(coding), type(coding).__name__)
