@@ -27,12 +27,14 @@ def test_sensor_features_and_pose_mean_the_same_as_the_campaign(models, campaign
     assert by_files["exposures_ms"] == [2.0, 10.0]
 
 
-def test_it_is_shown_and_written(models, campaign, tmp_path, run):
-    path = tmp_path / "forecast.csv"
-    ended = run("forecast", models, "--campaign", campaign, "--exposures", 2, 10, *POSE, "-o", path)
-    assert ended.exit_code == 0
+def test_it_is_shown_written_and_drawn(models, campaign, tmp_path, run):
+    path, picture = tmp_path / "forecast.csv", tmp_path / "forecast.svg"
+    words = ("--campaign", campaign, *POSE, "--exposures", 2, 10, "-o", path)
+    ended = run("forecast", models, *words, "--picture", picture)
+    assert ended.exit_code == 0, ended.stderr
     assert "h12" in ended.stdout
     assert pl.read_csv(path).height == 24
+    assert picture.read_text("utf-8").startswith("<?xml")
 
 
 @pytest.mark.parametrize(
@@ -41,6 +43,7 @@ def test_it_is_shown_and_written(models, campaign, tmp_path, run):
         (("--view", "z601"), 1, "no view 'z601'; did you mean 'z6"),
         ((), 2, "give the pose once"),
         (("--view", "z600", *POSE), 2, "or a pose, not both"),
+        (("--view", "z600", "--picture", "a.pdf"), 2, "writes PNG or SVG"),
         (("--sensor", "comet-pro-ae", *POSE), 2, "either --campaign, or both"),
         (("--robot-pose", "fanuc", "0,0,-600,0,0,0"), 1, "no feature is visible from this pose"),
     ],

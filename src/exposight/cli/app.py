@@ -33,6 +33,7 @@ COMMANDS = {
     "evaluate": "Evaluate models on held-out observations.",
     "predict": "Predict quality or exposure time from poses.",
     "forecast": "Forecast the quality of every visible feature over exposure time.",
+    "report": "Write a page about a campaign and models.",
     "reproduce": "Repeat the paper's study and compare it with the published numbers.",
     "info": "Identify a file or folder and summarise its content.",
 }

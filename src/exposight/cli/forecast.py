@@ -14,14 +14,21 @@ from exposight.cli.app import UsageError
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
+from exposight.files.durable import write_durably
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import View, open_campaign, view_features
 from exposight.planning import SensorModels
+from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, number
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from exposight.observing import Campaign
     from exposight.planning import Forecast
+
+_PANELS = 4
+"""So many panels of the picture stand side by side."""
 
 _FEW_TIMES = 8
 """So many exposure times are shown on a terminal."""
@@ -87,7 +94,8 @@ def forecast_command(
     exposures_ms: Annotated[
         tuple[float, ...] | None, Parameter("--exposures", metavar="MS...", consume_multiple=True)
     ] = None,
-    output: Annotated[Path | None, Parameter(("--csv", "-o"))] = None,
+    csv: Annotated[Path | None, Parameter(alias="-o")] = None,
+    picture: Path | None = None,
     options: ViewOptions = _NO_VIEW,
 ) -> Result:
     r"""Forecast the quality of every visible feature over exposure time.
@@ -109,19 +117,30 @@ def forecast_command(
         Two model files, one for quality and one for exposure time, or the folder that holds them.
     exposures_ms
         Exposure times, ms; settings of the sensor over the trained range by default.
-    output
+    csv
         Write a row for each feature and exposure time to this CSV file.
+    picture
+        Draw p_norm ± 2σ over exposure time, a panel for each feature: .png or .svg.
     """
     sensor_models = _loaded(models)
-    file = None if output is None else Written.at(output, "forecast", inputs=models)
+    if picture is not None and picture.suffix.lower() not in {".png", ".svg"}:
+        msg = f"--picture writes PNG or SVG; got the name {picture.name}"
+        raise UsageError(msg)
+    files = tuple(
+        Written.at(path, kind, inputs=models)
+        for path, kind in ((csv, "forecast"), (picture, "picture"))
+        if path is not None
+    )
     view = options.seen()
     if not view.visible:
         reasons = {feature.visibility.value for feature in view.features}
         msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
         raise InputError(msg)
     forecast = sensor_models.forecast(view, exposures_ms)
-    if output is not None:
-        forecast.write(output)
+    if csv is not None:
+        forecast.write(csv)
+    if picture is not None:
+        write_durably(picture, _drawn(forecast, picture.suffix.lower()))
     best_ms = forecast.best_exposure_ms()
     hidden = [seen.feature.name for seen in view.features if seen not in view.visible]
     outside = forecast.frame.filter(~pl.col("inside"))["feature"].unique().to_list()
@@ -146,7 +165,7 @@ def forecast_command(
             Table(name="forecast", frame=forecast.frame, columns=(), shown_rows=0),
         ),
         notes=tuple(notes),
-        files=() if file is None else (file,),
+        files=files,
     )
 
 
@@ -211,3 +230,28 @@ def _over_time(forecast: Forecast) -> Table:
         Column(name="good_features", label=f"features\n≥ {P_NORM_MIN:g}"),
     )
     return Table(name="over_time", frame=frame, columns=columns, title="All features together")
+
+
+def _drawn(forecast: Forecast, suffix: str) -> bytes:
+    """Draw the forecast of every feature, in a panel of its own."""
+    from exposight.report.stills import draw_still, plain_axes  # takes seconds to import
+
+    columns = min(_PANELS, len(forecast.features))
+    rows = -(-len(forecast.features) // columns)
+    low, high = forecast.p_norm_band
+    time, quality = QUANTITIES["exposure_ms"], QUANTITIES["p_norm"]
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for i, axes in enumerate(panels.flat):
+            if i >= len(forecast.features):
+                axes.set_axis_off()
+                continue
+            axes.fill_between(forecast.exposures_ms, low[i], high[i], color="#cfe1e5", lw=0)
+            axes.plot(forecast.exposures_ms, forecast.p_norm[i])
+            lowest, first = i >= len(forecast.features) - columns, i % columns == 0
+            plain_axes(axes, time.axis_math * lowest, quality.axis_math * first)
+            axes.set(xscale="log", ylim=(-0.05, 1.1), title=forecast.features[i])
+
+    still = draw_still("forecast", "Forecast", (2.0 * columns + 0.6, 1.5 * rows + 0.6), draw)
+    return still.png if suffix == ".png" else still.svg
