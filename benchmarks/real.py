@@ -31,7 +31,7 @@ from exposight.imaging import (
     compare_along_rays,
     decode,
     read_recording,
-    sequence_preset,
+    sequence_named_or_read,
     triangulate,
 )
 from exposight.observing import (
@@ -55,7 +55,7 @@ def decoding(skull: Path) -> list[Figure]:
     reference = loadmat(skull / "skull_gray" / "pointCloud.mat")["xyz"]
     figures = []
     for name, preset, median_limit in (("gray", "skull_gray", 0.40), ("phase", "skull_2x3", 0.38)):
-        stack = read_recording(skull / preset, sequence_preset(preset))
+        stack = read_recording(skull / preset, sequence_named_or_read(preset))
         cloud = _EXAMPLE["cloud_of"](stack, preset, rig)
         agreement = compare_along_rays(cloud, reference, rig.camera)
         by_index = np.linalg.norm(cloud.points - reference, axis=2)
@@ -81,7 +81,7 @@ def decoding(skull: Path) -> list[Figure]:
 
 
 def _decoding_time(skull: Path) -> list[Figure]:
-    sequence = sequence_preset("skull_2x3")
+    sequence = sequence_named_or_read("skull_2x3")
     rig = read_projector_camera(skull / "calibration.xml")
 
     def from_files_to_cloud() -> None:
@@ -104,7 +104,7 @@ def _decoding_time(skull: Path) -> list[Figure]:
 def board(folder: Path) -> list[Figure]:
     """Decode the flat checkerboard: the camera-to-projector map on it is a homography."""
     say("decoding the board")
-    sequence = sequence_preset("board")
+    sequence = sequence_named_or_read("board")
     stack = read_recording(folder / "capture_0", sequence)
     decoded = decode(stack, sequence)
     white = np.asarray(stack.frames[40])

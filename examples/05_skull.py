@@ -42,7 +42,7 @@ from exposight.imaging import (
     decode,
     re_expose,
     read_recording,
-    sequence_preset,
+    sequence_named_or_read,
     triangulate,
 )
 from exposight.models import MODEL_SUFFIX, MODELS, ModelSpecification, save_model, train_all
@@ -65,7 +65,7 @@ NOTES = (
 def cloud_of(stack: FrameStack, name: str, rig: ProjectorCamera) -> Cloud:
     """Decode frames and triangulate them."""
     return triangulate(
-        decode(stack, sequence_preset(name)),
+        decode(stack, sequence_named_or_read(name)),
         camera=rig.camera,
         projector=rig.projector,
         projector_from_camera=rig.projector_from_camera,
@@ -153,7 +153,7 @@ def skull_report(
 ) -> CampaignReport:
     """Measure, learn and report; what is in the output folder already is not made again."""
     rig = read_projector_camera(folder / "calibration.xml")
-    sequence = sequence_preset("skull_2x3")
+    sequence = sequence_named_or_read("skull_2x3")
     recorded = read_recording(folder / "skull_2x3", sequence, exposure_ms=NOMINAL_MS)
     cloud = cloud_of(recorded, "skull_2x3", rig)
     sensor = sensor_of(rig, cloud)

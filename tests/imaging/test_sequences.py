@@ -7,7 +7,7 @@ from exposight.imaging import (
     GrayCode,
     PatternSequence,
     PhaseShift,
-    sequence_preset,
+    sequence_named_or_read,
 )
 
 COARSE = Fringe(periods=1, frames=(0, 1, 2))
@@ -19,17 +19,17 @@ GRAY = GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
     ("name", "n_frames"), [("skull_gray", 12), ("skull_2x3", 6), ("board", 42), ("foam", 32)]
 )
 def test_presets_use_all_their_frames(name, n_frames):
-    assert sequence_preset(name).n_frames == n_frames
+    assert sequence_named_or_read(name).n_frames == n_frames
 
 
 def test_unknown_preset_lists_the_known():
-    with pytest.raises(ImageError, match=r"no pattern sequence 'door'; there are skull_gray, "):
-        sequence_preset("door")
+    with pytest.raises(ImageError, match=r"no pattern sequence 'door': expected one of the presets skull_gray, "):
+        sequence_named_or_read("door")
 
 
 def test_presets_cannot_be_changed():
     with pytest.raises(TypeError):
-        SEQUENCE_PRESETS["mine"] = sequence_preset("board")
+        SEQUENCE_PRESETS["mine"] = sequence_named_or_read("board")
 
 
 def test_steps_are_equal_by_default():

@@ -14,7 +14,7 @@ from exposight.imaging import (
     decode,
     re_expose,
     read_recording,
-    sequence_preset,
+    sequence_named_or_read,
     triangulate,
 )
 
@@ -29,7 +29,7 @@ def skull(real_data):
 @pytest.fixture(scope="module")
 def skull_stacks(real_data):
     return {
-        name: read_recording(real_data / "skull" / name, sequence_preset(name))
+        name: read_recording(real_data / "skull" / name, sequence_named_or_read(name))
         for name in ("skull_gray", "skull_2x3")
     }
 
@@ -52,7 +52,7 @@ def without_projector_distortion(rig):
 
 def test_skull_gray_code_agrees_with_the_authors_cloud(skull, skull_stacks):
     rig, reference = skull
-    decoded = decode(skull_stacks["skull_gray"], sequence_preset("skull_gray"))
+    decoded = decode(skull_stacks["skull_gray"], sequence_named_or_read("skull_gray"))
     agreement = compare_along_rays(cloud_of(rig, decoded), reference, rig.camera)
     assert agreement.common_points >= 85000
     assert agreement.median_mm <= 0.12
@@ -61,7 +61,7 @@ def test_skull_gray_code_agrees_with_the_authors_cloud(skull, skull_stacks):
 
 def test_skull_gray_code_without_projector_distortion_is_the_authors(skull, skull_stacks):
     rig, reference = skull
-    decoded = decode(skull_stacks["skull_gray"], sequence_preset("skull_gray"))
+    decoded = decode(skull_stacks["skull_gray"], sequence_named_or_read("skull_gray"))
     cloud = cloud_of(without_projector_distortion(rig), decoded)
     agreement = compare_along_rays(cloud, reference, rig.camera)
     assert agreement.median_mm <= 0.04
@@ -70,7 +70,7 @@ def test_skull_gray_code_without_projector_distortion_is_the_authors(skull, skul
 
 def test_skull_phase_shift_agrees_with_the_authors_cloud(skull, skull_stacks):
     rig, reference = skull
-    decoded = decode(skull_stacks["skull_2x3"], sequence_preset("skull_2x3"))
+    decoded = decode(skull_stacks["skull_2x3"], sequence_named_or_read("skull_2x3"))
     agreement = compare_along_rays(cloud_of(rig, decoded), reference, rig.camera)
     assert agreement.common_points >= 85000
     assert agreement.median_mm <= 0.25
@@ -78,8 +78,8 @@ def test_skull_phase_shift_agrees_with_the_authors_cloud(skull, skull_stacks):
 
 
 def test_skull_gray_code_and_phase_shift_agree(skull_stacks):
-    gray = decode(skull_stacks["skull_gray"], sequence_preset("skull_gray"))
-    phase = decode(skull_stacks["skull_2x3"], sequence_preset("skull_2x3"))
+    gray = decode(skull_stacks["skull_gray"], sequence_named_or_read("skull_gray"))
+    phase = decode(skull_stacks["skull_2x3"], sequence_named_or_read("skull_2x3"))
     difference = (gray.column - phase.column)[gray.valid & phase.valid]
     # A wrong convention would show as half a projector pixel or more.
     assert abs(np.median(difference)) < 0.3
@@ -88,7 +88,7 @@ def test_skull_gray_code_and_phase_shift_agree(skull_stacks):
 
 def test_frames_in_the_wrong_order_are_noticed(skull_stacks):
     """With fine and coarse fringes swapped, most pixels contradict themselves."""
-    sequence = sequence_preset("skull_2x3")
+    sequence = sequence_named_or_read("skull_2x3")
     coarse, fine = sequence.columns.fringes
     swapped = dataclasses.replace(
         sequence.columns,
@@ -111,7 +111,7 @@ PUBLISHED_SHARE = (0.15, 0.85, 0.98, 1.0, 1.0, 0.99, 0.51, 0.11, 0.02)
 def test_re_exposure_keeps_the_known_share_of_points(skull, skull_stacks):
     """A point counts within 1.5 mm of the authors' point of the same pixel, as in the table."""
     rig, reference = skull
-    stack, sequence = skull_stacks["skull_2x3"], sequence_preset("skull_2x3")
+    stack, sequence = skull_stacks["skull_2x3"], sequence_named_or_read("skull_2x3")
     on_object = decode(stack, sequence).valid & np.isfinite(reference[..., 0])
     grey, kept = [], []
     for factor in (0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0):
@@ -125,7 +125,7 @@ def test_re_exposure_keeps_the_known_share_of_points(skull, skull_stacks):
 
 
 def test_board_is_a_homography(real_data):
-    sequence = sequence_preset("board")
+    sequence = sequence_named_or_read("board")
     decoded = decode(read_recording(real_data / "board" / "capture_0", sequence), sequence)
     on_board = np.zeros(decoded.image_shape, dtype=bool)
     on_board[205:760, 250:950] = True  # the printed checkerboard
@@ -142,7 +142,7 @@ def test_board_is_a_homography(real_data):
 
 @pytest.fixture(scope="module")
 def foam(real_data):
-    sequence = sequence_preset("foam")
+    sequence = sequence_named_or_read("foam")
     return decode(read_recording(real_data / "foam" / "object1", sequence), sequence)
 
 

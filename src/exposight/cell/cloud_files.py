@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -20,13 +21,12 @@ from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.cloud import Cloud
 from exposight.cell.ply import ply_from_points, points_from_ply
-from exposight.errors import CloudError, DamagedFileError, FormatError, MissingFileError
+from exposight.errors import CloudError, DamagedFileError, FormatError
 from exposight.files.columns import check_columns
 from exposight.files.durable import write_durably
+from exposight.files.reading import read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
 
@@ -61,19 +61,14 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
         If the number of points is not rows × columns, or the unit is another.
     """
     path = Path(path)
-    if path.suffix.lower() not in _FORMATS:
-        raise _unknown_format(path)
-    if not path.is_file():
-        msg = f"no point cloud at {path}"
-        raise MissingFileError(msg)
+    read, _ = _format(path)
     if unit not in LENGTH_UNITS_MM:
         msg = f"the unit of a cloud must be {', '.join(LENGTH_UNITS_MM)}, got {unit!r}"
         raise CloudError(msg)
-    data = path.read_bytes()
+    data = read_bytes(path, "point cloud")
     if not data:
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
         raise DamagedFileError(msg)
-    read, _ = _FORMATS[path.suffix.lower()]
     try:
         cloud = Cloud(points=read(data, path))
         if unit != "mm":
@@ -105,18 +100,23 @@ def write_cloud(path: Path, cloud: Cloud) -> None:
         If the disk refuses.
     """
     path = Path(path)
-    if path.suffix.lower() not in _FORMATS:
-        raise _unknown_format(path)
-    _, write = _FORMATS[path.suffix.lower()]
+    _, write = _format(path)
     write_durably(path, write(cloud.points))
 
 
-def _unknown_format(path: Path) -> FormatError:
+_Read = Callable[[bytes, Path], "NDArray[np.floating]"]
+_Write = Callable[["NDArray[np.float32]"], bytes]
+
+
+def _format(path: Path) -> tuple[_Read, _Write]:
+    """Return the reader and the writer of the format that a file's suffix gives."""
+    if path.suffix.lower() in _FORMATS:
+        return _FORMATS[path.suffix.lower()]
     msg = (
         f"{path}: point clouds are read and written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
         f"{path.suffix!r}; convert it, keeping missing points so that it stays organised"
     )
-    return FormatError(msg)
+    raise FormatError(msg)
 
 
 # -- PCD ----------------------------------------------------------------------------------------
@@ -206,19 +206,14 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _text(points: NDArray[np.float32], *, separator: str, header: bool) -> bytes:
+def _write_text(separator: str, header: bool, points: NDArray[np.float32]) -> bytes:
     frame = pl.DataFrame(points.reshape(-1, 3), schema=list(_CSV_COLUMNS))
     buffer = io.BytesIO()
     frame.write_csv(buffer, separator=separator, include_header=header)
     return buffer.getvalue()
 
 
-def _xyz(points: NDArray[np.float32]) -> bytes:
-    return _text(points, separator=" ", header=False)
-
-
-def _csv(points: NDArray[np.float32]) -> bytes:
-    return _text(points, separator=",", header=True)
+_xyz, _csv = partial(_write_text, " ", False), partial(_write_text, ",", True)
 
 
 # -- NPY ----------------------------------------------------------------------------------------
@@ -247,13 +242,7 @@ def _npy(points: NDArray[np.float32]) -> bytes:
     return buffer.getvalue()
 
 
-_FORMATS: dict[
-    str,
-    tuple[
-        Callable[[bytes, Path], NDArray[np.floating]],
-        Callable[[NDArray[np.float32]], bytes],
-    ],
-] = {
+_FORMATS: dict[str, tuple[_Read, _Write]] = {
     ".ply": (points_from_ply, ply_from_points),
     ".pcd": (_read_pcd, _pcd),
     ".xyz": (_read_xyz, _xyz),

@@ -8,7 +8,6 @@ from exposight.imaging.sequence_files import (
     SEQUENCE_PRESETS,
     read_sequence,
     sequence_named_or_read,
-    sequence_preset,
     sequence_to_toml,
 )
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift

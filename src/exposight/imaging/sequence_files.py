@@ -108,20 +108,6 @@ SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
 """Sequences of public recordings, by name."""
 
 
-def sequence_preset(name: str) -> PatternSequence:
-    """Return a preset by its name.
-
-    Raises
-    ------
-    ImageError
-        If there is no such preset.
-    """
-    if name not in SEQUENCE_PRESETS:
-        msg = f"no pattern sequence '{name}'; there are {', '.join(SEQUENCE_PRESETS)}"
-        raise ImageError(msg + did_you_mean(name, SEQUENCE_PRESETS))
-    return SEQUENCE_PRESETS[name]
-
-
 def read_sequence(path: str | Path) -> PatternSequence:
     """Read a pattern sequence from a TOML file (see the module's docstring).
 

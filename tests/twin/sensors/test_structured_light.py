@@ -13,7 +13,7 @@ from exposight.imaging import (
     PatternSequence,
     PhaseShift,
     decode,
-    sequence_preset,
+    sequence_named_or_read,
     triangulate,
 )
 from exposight.observing import observe_capture, point_search, view_features
@@ -201,7 +201,7 @@ def test_a_sensor_without_projector_is_refused(small_sensor) -> None:
 
 def test_sequences_with_other_frames_are_refused(small_sensor) -> None:
     lamp = small_sensor.projector
-    gray = sequence_preset("skull_gray")
+    gray = sequence_named_or_read("skull_gray")
     camera = replace(lamp.camera, width=gray.projector_width, height=gray.projector_height)
     sensor = replace(small_sensor, projector=replace(lamp, camera=camera))
     with pytest.raises(ImageError, match="phase-shifted fringes"):
