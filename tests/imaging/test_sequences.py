@@ -23,7 +23,7 @@ def test_presets_use_all_their_frames(name, n_frames):
 
 
 def test_unknown_preset_lists_the_known():
-    with pytest.raises(ImageError, match=r"no pattern sequence 'door': expected one of the presets skull_gray, "):
+    with pytest.raises(ImageError, match=r"'door': expected one of the presets skull_gray, "):
         sequence_named_or_read("door")
 
 
