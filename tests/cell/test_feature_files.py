@@ -110,8 +110,8 @@ def test_a_wrong_header_or_unit_is_refused(tmp_path, header, message):
 @pytest.mark.parametrize(
     ("row", "error", "message"),
     [
-        ("f1,hole,1,nan,3,0,0,1,6", FeatureError, "'f1', column y_mm: expected a finite number"),
-        ("f1,hole,1,2,3,0,0,1,NaN", FeatureError, "'f1', column radius_mm: .* got 'NaN'"),
+        ("f1,hole,1,nan,3,0,0,1,6", FeatureError, "'f1': column y_mm: expected a finite number"),
+        ("f1,hole,1,2,3,0,0,1,NaN", FeatureError, "'f1': column radius_mm: .* got 'NaN'"),
         ("f1,hole,1,2,3,0,0,1,6mm", FormatError, "column radius_mm: expected a number, got '6mm'"),
         ("f1,hole,1,,3,0,0,1,6", FormatError, "column y_mm: expected a number, got ''"),
         ("f1,hole,1,2,3,0,0,1", FormatError, "row 2: expected 9 cells, got 8"),

@@ -29,7 +29,7 @@ from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
 from exposight.files.documents import DocumentFormat, alike, sha256_of
-from exposight.files.durable import is_unfinished, sweep_unfinished, write_durably
+from exposight.files.durable import is_unfinished, make_folder, sweep_unfinished, write_durably
 from exposight.files.lock import WRITER_LOCK, hold_writer_lock
 from exposight.files.reading import read_bytes, read_verified
 
@@ -369,11 +369,7 @@ def _make_folder(path: Path) -> None:
                 "choose an empty folder or a new one"
             )
             raise FormatError(msg)
-    try:
-        (path / _CAPTURES).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"the folder {path} for a campaign cannot be made: {error.strerror or error}"
-        raise FileError(msg) from error
+    make_folder(path / _CAPTURES, "a campaign")
 
 
 def _create(path: Path, name: str, sensor: ActiveSensor, part: Part) -> None:

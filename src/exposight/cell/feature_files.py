@@ -18,7 +18,7 @@ from exposight.files.reading import read_text
 from exposight.geometry import RigidTransform, rotation_facing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
@@ -104,14 +104,18 @@ def features_from_csv(text: str, source: Path) -> tuple[Feature, ...]:
     header = [cell.strip() for cell in rows[0]] if rows else []
     check_columns(header, required=_REQUIRED, optional=_OPTIONAL, source=source)
     features = []
-    for number, cells in enumerate(rows[1:], start=2):
-        if not any(cell.strip() for cell in cells):
+    for number, row in enumerate(rows[1:], start=2):
+        if not any(cell.strip() for cell in row):
             continue
-        if len(cells) != len(header):
-            msg = f"{source}, row {number}: expected {len(header)} cells, got {len(cells)}"
+        if len(row) != len(header):
+            msg = f"{source}, row {number}: expected {len(header)} cells, got {len(row)}"
             raise FormatError(msg)
-        row = dict(zip(header, map(str.strip, cells), strict=True))
-        features.append(_Row(source, number, row).feature())
+        cells = dict(zip(header, map(str.strip, row), strict=True))
+        try:
+            features.append(_feature(cells))
+        except (FeatureError, FormatError) as error:
+            msg = f"{source}, row {number}, feature {cells['name']!r}: {error}"
+            raise type(error)(msg) from error
     if not features:
         msg = f"{source} lists no feature; expected at least one row under its header"
         raise FeatureError(msg)
@@ -128,75 +132,60 @@ def _spell(number: float) -> str:
     return repr(float(number) + 0.0)
 
 
-class _Row:
-    """One row of a feature list, which knows its place for messages."""
+def _feature(cells: Mapping[str, str]) -> Feature:
+    """Return the feature that a row's cells describe."""
+    kind = cast("FeatureKind", cells["kind"])
+    if kind not in RULES:
+        msg = f"the kind must be one of {', '.join(RULES)}, got {kind!r}"
+        raise FeatureError(msg)
+    return Feature(
+        name=cells["name"],
+        kind=kind,
+        part_from_feature=RigidTransform(
+            rotation=_rotation(cells, needs_direction=RULES[kind].has_length),
+            translation_mm=_vector(cells, "x_mm", "y_mm", "z_mm"),
+        ),
+        radius_mm=_number(cells, "radius_mm"),
+        length_mm=_number(cells, "length_mm") if cells.get("length_mm") else None,
+        width_mm=_number(cells, "width_mm") if cells.get("width_mm") else None,
+    )
 
-    def __init__(self, source: Path, number: int, cells: dict[str, str]) -> None:
-        self._cells = cells
-        self._place = f"{source}, row {number}, feature {cells['name']!r}"
 
-    def feature(self) -> Feature:
-        kind = self._cells["kind"]
-        if kind not in RULES:
-            msg = f"{self._place}: the kind must be one of {', '.join(RULES)}, got {kind!r}"
+def _rotation(cells: Mapping[str, str], *, needs_direction: bool) -> NDArray[np.float64]:
+    normal = _vector(cells, "nx", "ny", "nz")
+    length = float(np.linalg.norm(normal))
+    if abs(length - 1) > _NORMAL_TOLERANCE:
+        msg = f"the outward normal (nx, ny, nz) must have length 1, got {length:g}"
+        raise FeatureError(msg)
+    if not any(cells.get(column) for column in ("tx", "ty", "tz")):
+        if needs_direction:
+            msg = f"a {cells['kind']} needs the direction of its length in the columns tx, ty, tz"
             raise FeatureError(msg)
-        rotation = self._rotation(needs_direction=RULES[cast("FeatureKind", kind)].has_length)
-        try:
-            return Feature(
-                name=self._cells["name"],
-                kind=cast("FeatureKind", kind),
-                part_from_feature=RigidTransform(
-                    rotation=rotation, translation_mm=self._vector("x_mm", "y_mm", "z_mm")
-                ),
-                radius_mm=self._number("radius_mm"),
-                length_mm=self._optional_number("length_mm"),
-                width_mm=self._optional_number("width_mm"),
-            )
-        except FeatureError as error:
-            msg = f"{self._place}: {error}"
-            raise FeatureError(msg) from error
+        return rotation_facing(-normal)
+    direction = _vector(cells, "tx", "ty", "tz")
+    span = float(np.linalg.norm(direction))
+    out_of_plane = abs(float(direction @ normal)) / length
+    if not span > 0 or out_of_plane > span * math.sin(math.radians(_DIRECTION_TOLERANCE_DEG)):
+        msg = (
+            "the direction (tx, ty, tz) must lie in the surface, at right angles to the normal, "
+            f"got {direction.tolist()} for normal {normal.tolist()}"
+        )
+        raise FeatureError(msg)
+    return rotation_facing(-normal, direction)
 
-    def _rotation(self, *, needs_direction: bool) -> NDArray[np.float64]:
-        normal = self._vector("nx", "ny", "nz")
-        length = float(np.linalg.norm(normal))
-        if abs(length - 1) > _NORMAL_TOLERANCE:
-            msg = (
-                f"{self._place}: the outward normal (nx, ny, nz) must have length 1, got {length:g}"
-            )
-            raise FeatureError(msg)
-        if not any(self._cells.get(column) for column in ("tx", "ty", "tz")):
-            if needs_direction:
-                msg = (
-                    f"{self._place}: a {self._cells['kind']} needs the direction of its length in "
-                    "the columns tx, ty, tz"
-                )
-                raise FeatureError(msg)
-            return rotation_facing(-normal)
-        direction = self._vector("tx", "ty", "tz")
-        span = float(np.linalg.norm(direction))
-        out_of_plane = abs(float(direction @ normal)) / length
-        if not span > 0 or out_of_plane > span * math.sin(math.radians(_DIRECTION_TOLERANCE_DEG)):
-            msg = (
-                f"{self._place}: the direction (tx, ty, tz) must lie in the surface, at right "
-                f"angles to the normal, got {direction.tolist()} for normal {normal.tolist()}"
-            )
-            raise FeatureError(msg)
-        return rotation_facing(-normal, direction)
 
-    def _vector(self, *columns: str) -> NDArray[np.float64]:
-        return np.array([self._number(column) for column in columns])
+def _vector(cells: Mapping[str, str], *columns: str) -> NDArray[np.float64]:
+    return np.array([_number(cells, column) for column in columns])
 
-    def _optional_number(self, column: str) -> float | None:
-        return self._number(column) if self._cells.get(column) else None
 
-    def _number(self, column: str) -> float:
-        text = self._cells.get(column, "")
-        try:
-            number = float(text)
-        except ValueError as error:
-            msg = f"{self._place}, column {column}: expected a number, got {text!r}"
-            raise FormatError(msg) from error
-        if not math.isfinite(number):
-            msg = f"{self._place}, column {column}: expected a finite number, got {text!r}"
-            raise FeatureError(msg)
-        return number
+def _number(cells: Mapping[str, str], column: str) -> float:
+    text = cells.get(column, "")
+    try:
+        number = float(text)
+    except ValueError as error:
+        msg = f"column {column}: expected a number, got {text!r}"
+        raise FormatError(msg) from error
+    if not math.isfinite(number):
+        msg = f"column {column}: expected a finite number, got {text!r}"
+        raise FeatureError(msg)
+    return number

@@ -181,5 +181,5 @@ def test_a_file_without_triangles_is_refused(folder):
 
 def test_a_folder_that_cannot_be_made_is_named(box, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FileError, match="cannot be made"):
+    with pytest.raises(FileError, match="cannot be used for a scene"):
         export_scene(tmp_path / "file" / "scene", box, sensor_preset("comet-pro-ae"))

@@ -14,8 +14,8 @@ import numpy as np
 import trimesh
 
 from exposight.cell import Part, read_features, write_features, write_sensor
-from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
-from exposight.files.durable import write_durably
+from exposight.errors import DamagedFileError, FormatError, MissingFileError
+from exposight.files.durable import make_folder, write_durably
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.surfaces import FINISHES
 
@@ -48,12 +48,7 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
     FileError
         If the disk refuses.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"the folder {folder} cannot be made: {error.strerror or error}"
-        raise FileError(msg) from error
+    folder = make_folder(Path(folder), "a scene")
     write_durably(folder / MESH_FILE, _ply(scene))
     write_features(folder / FEATURES_FILE, scene.part.features)
     write_sensor(folder / SENSOR_FILE, sensor)
