@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
+from exposight.measuring import measure_observations
 from exposight.paper import CAMPAIGNS, StudyResult, StudySettings, campaign_plan, run_study
-from exposight.twin.campaign import CellSettings, simulate_observations
+from exposight.twin import SimulatedCell
 from exposight.twin.part import door
 
 _WORKERS = 2
@@ -35,8 +36,10 @@ def warm_up() -> None:
                 y_mm=plane.y_mm[:1],
                 exposures_ms=plane.exposures_ms[:1],
             )
-            cell = CellSettings(rings_only=campaign.sensor != "stereo")
-            simulate_observations(replace(plan, planes=(single,)), cell)
+            single_plan = replace(plan, planes=(single,))
+            rings_only = campaign.sensor != "stereo"
+            cell = SimulatedCell.for_plan(single_plan, rings_only=rings_only)
+            measure_observations(single_plan, cell)
 
 
 def _row(result: StudyResult, variant: str, role: str) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from functools import cache, partial
 from typing import TypeAlias
 
 from benchmarks.measuring import Figure, publish, say
-from exposight.cell import sensor_preset
 from exposight.models import train
 from exposight.observing import (
     Observation,
@@ -37,7 +36,8 @@ from exposight.paper import (
     campaign_plan,
     score_variant,
 )
-from exposight.plans import MeasuringPlan, PlannedView, views
+from exposight.plans import MeasuringPlan, PlannedView, view_seed
+from exposight.twin import SimulatedCell
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import door
 from exposight.twin.sensors import StripeSensor, ring_boxes
@@ -76,18 +76,21 @@ READINGS: dict[str, Callable[[Rings], float]] = {
 def observe_view(plan: MeasuringPlan, view: PlannedView) -> dict[str, list[Observation]]:
     """Take a view's captures and observe each by every reading.
 
-    The captures are those of `exposight.twin.campaign.simulate_observations`, but that their frames
+    The captures are those of `exposight.measuring.measure_observations`, but that their frames
     are kept until they are read.
     """
-    scanner, pose = StripeSensor(sensor=sensor_preset(plan.sensor)), view.reported_camera_from_part
+    scanner = StripeSensor(sensor=plan.sensor)
+    pose = SimulatedCell.for_plan(plan).reported_pose(view.camera_from_part, view.name)
     part = plan.observed_part(door().part)
     seen = view_features(part, scanner.sensor, pose)
     boxes = ring_boxes(part, scanner.sensor, pose)
-    light = scanner.look(_tracer(), view.true_camera_from_part, boxes)
+    light = scanner.look(_tracer(), view.camera_from_part, boxes)
     observed: dict[str, list[Observation]] = {name: [] for name in READINGS}
     for exposure_ms in view.exposures_ms:
-        stacks = scanner.frames(light, exposure_ms, (*view.seed, round(1000 * exposure_ms)))
-        capture = scanner.decoded(light, stacks, exposure_ms, view=view.name)
+        seed = (*view_seed(plan.seed, view.name), round(1000 * exposure_ms))
+        stacks = scanner.frames(light, exposure_ms, seed)
+        capture = scanner.capture(light, exposure_ms, view=view.name, seed=seed)
+        capture = replace(capture, camera_from_part=pose)
         shots = {
             i: replace(capture, image=scanner.whole_frame(light, stacks, i))
             for i in (_COARSE[0], _MIDDLE[0], *_FINE)
@@ -112,7 +115,7 @@ def observe(name: str) -> dict[str, ObservationTable]:
     """Carry out one of the study's campaigns, as far as the quick study does, by every reading."""
     (campaign,) = (own for own in CAMPAIGNS if own.name == name)
     plan = campaign_plan(campaign, quick=_SETTINGS.quick)
-    planned = views(plan, door().part, sensor_preset(plan.sensor))
+    planned = plan.views(door().part)
     say(f"measuring {name}: {len(planned)} views")
     found = {}
     work = partial(observe_view, plan)

@@ -19,10 +19,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.measuring import Figure, PeakMemory, at_least, at_most, publish, say
-from exposight.cell import Capture, Part, sensor_preset
+from exposight.cell import Capture, Part
+from exposight.measuring import measure, measure_observations
 from exposight.observing import ObservationTable
-from exposight.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, views
-from exposight.twin.campaign import CellSettings, simulate, simulate_observations
+from exposight.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, view_seed
+from exposight.twin import SimulatedCell
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import FINISHES, Scene, door, export_scene
 from exposight.twin.random_numbers import stream_key
@@ -52,14 +53,15 @@ def warm_up(plan: MeasuringPlan) -> None:
     door()
     planes = (replace(p, exposures_ms=p.exposures_ms[:1]) for p in plan.planes[:2])
     small = fewer_views(replace(plan, planes=tuple(planes)), slice(1, 2), slice(1, 2))
-    simulate_observations(small, CellSettings(rings_only=True, workers=_WORKERS))
+    measure_observations(small, SimulatedCell.for_plan(small, rings_only=True), workers=_WORKERS)
 
 
 def rings(plan: MeasuringPlan) -> tuple[ObservationTable, list[Figure]]:
     """Carry the plan out on the bare door, observing the rings' neighbourhoods only."""
     say("48 views × 10 exposures of the bare door, rings only")
     start = time.perf_counter()
-    table = simulate_observations(plan, CellSettings(rings_only=True, workers=_WORKERS))
+    cell = SimulatedCell.for_plan(plan, rings_only=True)
+    table = measure_observations(plan, cell, workers=_WORKERS)
     took_s = time.perf_counter() - start
     return table, [at_most("campaign_rings_s", took_s, 180, "s")]
 
@@ -70,7 +72,7 @@ def whole_frames(plan: MeasuringPlan, folder: Path) -> list[Figure]:
     count = sum(len(p.x_mm) * len(p.y_mm) * len(p.exposures_ms) for p in some.planes)
     say(f"{count} whole frames of the bare door, written")
     start, cpu = time.perf_counter(), os.times()
-    simulate(some, folder / "campaign", CellSettings(workers=_WORKERS))
+    measure(some, SimulatedCell.for_plan(some), folder / "campaign", workers=_WORKERS)
     took_s = (time.perf_counter() - start) / count
     worked = np.subtract(os.times(), cpu)[:4].sum() / count  # user and system, workers included
     say(f"  {worked:.2f} s of CPU time each")
@@ -80,9 +82,9 @@ def whole_frames(plan: MeasuringPlan, folder: Path) -> list[Figure]:
 def depth(plan: MeasuringPlan, part: Part, tracer: SceneTracer) -> list[Figure]:
     """Hold whole frames of primer against the mesh: one view in every plane, best exposure."""
     say("depth on primer, one view in every plane at all its exposures")
-    stripes = StripeSensor(sensor=sensor_preset(plan.sensor))
+    stripes = StripeSensor(sensor=plan.sensor)
     some = fewer_views(plan, slice(1, 2), slice(1, 2))
-    planned = views(some, part, stripes.sensor)
+    planned = some.views(part)
     error = np.concatenate([_depth_errors(stripes, tracer, view) for view in planned])
     bias_mm = float(np.median(error))
     return [
@@ -101,7 +103,7 @@ def _depth_errors(
     stripes: StripeSensor, tracer: SceneTracer, view: PlannedView
 ) -> NDArray[np.float32]:
     """Return measured less true depth in mm of all points at a view's best exposure."""
-    light = stripes.look(tracer, view.true_camera_from_part)
+    light = stripes.look(tracer, view.camera_from_part)
     best = _fullest(
         lambda t: stripes.capture(light, t, view=view.name, seed=_seed(view, t)),
         view.exposures_ms,
@@ -172,7 +174,7 @@ def stereo(part: Part, tracer: SceneTracer) -> list[Figure]:
     """Take primer at 0.5 m with the active stereo sensor, at all exposures of its plan."""
     say("active stereo on primer at 0.5 m")
     plan = plan_preset("stereo-x")
-    sensor = sensor_preset(plan.sensor)
+    sensor = plan.sensor
     plane = DepthPlane(
         name="half-a-metre",
         z_tcp_mm=_STEREO_AT_MM - float(sensor.camera_from_tcp.translation_mm[2]),
@@ -180,16 +182,16 @@ def stereo(part: Part, tracer: SceneTracer) -> list[Figure]:
         y_mm=(0.0,),
         exposures_ms=plan.planes[0].exposures_ms,
     )
-    (view,) = views(replace(plan, planes=(plane,)), part, sensor)
+    (view,) = replace(plan, planes=(plane,)).views(part)
     dots = DotSensor(sensor=sensor)
-    light = dots.look(tracer, view.true_camera_from_part)
+    light = dots.look(tracer, view.camera_from_part)
 
     def take(exposure_ms: float) -> Capture:
         return dots.capture(light, exposure_ms, view=view.name, seed=_seed(view, exposure_ms))
 
     take(view.exposures_ms[0])  # all is compiled
     start = time.perf_counter()
-    light = dots.look(tracer, view.true_camera_from_part)
+    light = dots.look(tracer, view.camera_from_part)
     best = _fullest(take, view.exposures_ms)
     took_s = (time.perf_counter() - start) / len(view.exposures_ms)
     there = np.abs(light.true_depth_mm - _STEREO_AT_MM) <= _STEREO_REACH_MM
@@ -211,7 +213,7 @@ def _fullest(take: Callable[[float], Capture], exposures_ms: tuple[float, ...]) 
 
 
 def _seed(view: PlannedView, exposure_ms: float) -> tuple[int, ...]:
-    return (*view.seed, round(1000 * exposure_ms))
+    return (*view_seed(_SEED, view.name), round(1000 * exposure_ms))
 
 
 _SIDE_PX = 1024
@@ -278,9 +280,9 @@ def main() -> None:
         timed += whole_frames(plan, folder)
         say("the same 48 views of the door with its inside in primer, rings only")
         scene = primed(door())
-        export_scene(folder / "primed", scene, sensor_preset(plan.sensor))
-        settings = CellSettings(rings_only=True, workers=_WORKERS, scene=folder / "primed")
-        primer = simulate_observations(plan, settings)
+        export_scene(folder / "primed", scene, plan.sensor)
+        cell = SimulatedCell.for_plan(plan, rings_only=True, scene=folder / "primed")
+        primer = measure_observations(plan, cell, workers=_WORKERS)
         tracer = SceneTracer(scene)
         measured = [
             *depth(plan, scene.part, tracer),

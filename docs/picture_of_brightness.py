@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.lines import Line2D
-from picture_of_exposures import in_finish
 from picture_style import ACCENT, ACCENT_2, ACCENT_3, INK, QUIET, save
 
-from exposight.cell import sensor_preset
-from exposight.plans import plan_preset, views
-from exposight.twin.campaign import CellSettings, simulate_observations
-from exposight.twin.part import export_scene
+from exposight.measuring import measure_observations
+from exposight.plans import plan_preset
+from exposight.twin import SimulatedCell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from exposight.observing import ObservationTable
     from exposight.plans import MeasuringPlan
-    from exposight.twin.part import Scene
+    from exposight.twin.part import Finish, Scene
 
 _COLOURS = {"near": ACCENT, "middle": ACCENT_3, "far": ACCENT_2}
 _BIN = 10.0  # grey levels
@@ -61,21 +57,21 @@ def _medians(i_avg: np.ndarray, p_norm: np.ndarray) -> tuple[list[float], list[f
     return [(n + 0.5) * _BIN for n in full], [float(np.median(p_norm[number == n])) for n in full]
 
 
+def _observed(plan: MeasuringPlan, finish: Finish | None = None) -> ObservationTable:
+    cell = SimulatedCell.for_plan(plan, rings_only=True, finish=finish)
+    return measure_observations(plan, cell, workers=2)
+
+
 def draw_brightness(scene: Scene) -> None:
     """Carry out a share of the paper's X plan on bare sheet and on primer, and draw p_norm."""
     plan = _share_of_the_paper_s_plan()
-    sensor = sensor_preset(plan.sensor)
-    kinematic = {
-        view.name for view in views(plan, scene.part, sensor) if view.aligned_by == "kinematics"
+    cell = SimulatedCell.for_plan(plan)
+    aligned = {view.name: cell.alignment(view.name).aligned_by for view in plan.views(scene.part)}
+    kinematic = {name for name, method in aligned.items() if method == "kinematics"}
+    tables = {
+        "bare sheet metal": _observed(plan),
+        "the same door in primer": _observed(plan, finish="primer"),
     }
-    settings = CellSettings(rings_only=True, workers=2)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "primer"
-        export_scene(folder, in_finish(scene, "primer"), sensor)
-        tables = {
-            "bare sheet metal": simulate_observations(plan, settings),
-            "the same door in primer": simulate_observations(plan, replace(settings, scene=folder)),
-        }
     figure, panels = plt.subplots(1, 2, figsize=(10, 4.6), sharey=True, layout="constrained")
     for axes, (title, table) in zip(panels, tables.items(), strict=True):
         _draw(axes, table, kinematic)

@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from picture_style import ACCENT, ACCENT_2, save
 
-from exposight.cell import Part, sensor_preset
+from exposight.cell import Part
 from exposight.geometry import PixelBox
 from exposight.observing import observe_capture, point_search, view_features
-from exposight.plans import plan_preset, views
+from exposight.plans import plan_preset, view_seed
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import FINISHES
 from exposight.twin.sensors import StripeSensor
@@ -57,19 +57,17 @@ class _Station:
 
     def __init__(self, scene: Scene, tracer: SceneTracer) -> None:
         plan = plan_preset("x-middle")
-        self.sensor = StripeSensor(sensor=sensor_preset(plan.sensor))
-        (self.view,) = (
-            view for view in views(plan, scene.part, self.sensor.sensor) if view.name == _VIEW
-        )
+        self.sensor = StripeSensor(sensor=plan.sensor)
+        (self.view,) = (view for view in plan.views(scene.part) if view.name == _VIEW)
         feature = scene.part.feature(_FEATURE)
         self.box = _box(self.sensor, self.view, feature)
         only = Part(name=scene.part.name, features=(feature,))
-        pose = self.view.true_camera_from_part
+        pose = self.view.camera_from_part
         self.seen = view_features(only, self.sensor.sensor, pose)
         self.light = self.sensor.look(tracer, pose, [self.box])
 
     def expose(self, exposure_ms: float) -> _Tile:
-        seed = (*self.view.seed, round(1000 * exposure_ms))
+        seed = (*view_seed(1, self.view.name), round(1000 * exposure_ms))
         (stack,) = self.sensor.frames(self.light, exposure_ms, seed)
         capture = self.sensor.capture(self.light, exposure_ms, view=_VIEW, seed=seed)
         camera = self.sensor.sensor.camera
@@ -99,7 +97,7 @@ class _Station:
 def _box(sensor: StripeSensor, view: PlannedView, feature: Feature) -> PixelBox:
     at_mm = feature.part_from_feature.translation_mm + _MIDDLE_OF_TILE
     camera = sensor.sensor.camera
-    column, row = camera.project(view.true_camera_from_part.apply(at_mm)[None])[0]
+    column, row = camera.project(view.camera_from_part.apply(at_mm)[None])[0]
     top, left = round(row) - _TILE_PX[0] // 2, round(column) - _TILE_PX[1] // 2
     return PixelBox(top=top, bottom=top + _TILE_PX[0], left=left, right=left + _TILE_PX[1])
 

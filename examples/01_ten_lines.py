@@ -7,11 +7,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import exposight as xs
-from exposight.twin import CellSettings, DepthPlane, MeasuringPlan, simulate
+from exposight.cell import sensor_preset
+from exposight.measuring import measure
+from exposight.plans import DepthPlane, MeasuringPlan
+from exposight.twin import SimulatedCell
 
 PLAN = MeasuringPlan(
     name="a few views",
-    sensor="comet-pro-ae",
+    sensor=sensor_preset("comet-pro-ae"),
     features=("f1", "f2", "f3", "f4"),
     reference="f1",
     planes=(
@@ -28,7 +31,7 @@ PLAN = MeasuringPlan(
 
 def main(folder: Path) -> None:
     """Take a campaign, learn from it, and forecast a view."""
-    simulate(PLAN, folder / "door", CellSettings(rings_only=True))
+    measure(PLAN, SimulatedCell.for_plan(PLAN, rings_only=True), folder / "door")
 
     campaign = xs.open_campaign(folder / "door")
     train, test = campaign.observe().split(by="feature", share=0.75, seed=1)

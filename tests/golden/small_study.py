@@ -15,10 +15,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from exposight.measuring import measure, measure_observations
 from exposight.models import evaluate, model_named, train
 from exposight.observing import ObservationTable
+from exposight.plans import plan_preset
 from exposight.statistics import maximal_information_matrix
-from exposight.twin import CellSettings, plan_preset, simulate, simulate_observations
+from exposight.twin import SimulatedCell
 
 GOLDEN = Path(__file__).with_name("golden.json")
 MODELS = ("q_k1", "q_k4", "e_k1", "e_k4", "e_k6_star", "e_k6", "e_k6_lin")
@@ -60,11 +62,10 @@ def observations() -> dict[str, ObservationTable]:
     dots = replace(
         stereo, planes=(replace(plane, x_mm=(-60.0,), y_mm=(0.0,), exposures_ms=(0.5, 3.0)),)
     )
-    rings = CellSettings(rings_only=True)
     return {
-        "stripes": simulate_observations(stripes, rings),
-        "outside": simulate_observations(outside, rings),
-        "dots": simulate_observations(dots, CellSettings()),
+        "stripes": measure_observations(stripes, SimulatedCell.for_plan(stripes, rings_only=True)),
+        "outside": measure_observations(outside, SimulatedCell.for_plan(outside, rings_only=True)),
+        "dots": measure_observations(dots, SimulatedCell.for_plan(dots)),
     }
 
 
@@ -74,7 +75,7 @@ def decoded() -> dict[str, float]:
     plane = replace(plan.planes[1], x_mm=(-100.0,), y_mm=(80.0,), exposures_ms=(33.0,))
     plan = replace(plan, planes=(plane,))
     with tempfile.TemporaryDirectory() as folder:
-        campaign = simulate(plan, Path(folder) / "c", CellSettings(raw_frames=True))
+        campaign = measure(plan, SimulatedCell.for_plan(plan, raw_frames=True), Path(folder) / "c")
         (capture,) = campaign.captures()
         attachments = dict(capture.attachments)
     points = capture.require_cloud().valid_points.astype(np.float64)

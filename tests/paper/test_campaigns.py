@@ -62,14 +62,14 @@ def simulations(
     asked: list[str] = []
 
     def simulate(
-        plan: object, cell: object, progress: object, *, table_path: Path
+        plan: object, cell: object, *, table_path: Path, workers: int, progress: object
     ) -> ObservationTable:
         asked.append(plan.name)
         table = observe(["f1_test", "f2_test", "f3_test"], views=1)
         table.write(table_path)
         return table
 
-    monkeypatch.setattr(campaigns_module, "simulate_observations", simulate)
+    monkeypatch.setattr(campaigns_module, "measure_observations", simulate)
     return asked
 
 

@@ -6,10 +6,10 @@ import numba
 import numpy as np
 import pytest
 
-from exposight.cell import Part, sensor_preset
+from exposight.cell import Part
 from exposight.errors import InputError
 from exposight.observing import orientation_deg
-from exposight.plans import PLANS, plan_preset, views
+from exposight.plans import PLANS, plan_preset
 from exposight.twin.part import DOOR
 
 DOOR_PART = Part(name="door", features=tuple(map(DOOR.feature, DOOR.holes)))
@@ -36,7 +36,7 @@ def campaign():
     def build(name: str):
         if name not in done:
             plan = plan_preset(name)
-            done[name] = views(plan, DOOR_PART, sensor_preset(plan.sensor))
+            done[name] = plan.views(DOOR_PART)
         return done[name]
 
     return build
@@ -45,12 +45,12 @@ def campaign():
 def _poses(name: str, planned) -> np.ndarray:
     """Return (x, y, z, w, p) of every feature in every view that sees it."""
     plan = plan_preset(name)
-    sensor = sensor_preset(plan.sensor)
+    sensor = plan.sensor
     tcp_from_camera = sensor.camera_from_tcp.inverse()
     rows = []
     for view in planned:
         for feature in map(DOOR_PART.feature, view.visible):
-            pose = tcp_from_camera @ view.reported_camera_from_part @ feature.part_from_feature
+            pose = tcp_from_camera @ view.camera_from_part @ feature.part_from_feature
             w_deg, p_deg, _ = orientation_deg(feature, pose)
             rows.append((*pose.translation_mm, w_deg, p_deg))
     return np.array(rows)
@@ -126,9 +126,7 @@ def test_test_rows_use_the_training_rows_views(campaign):
     training = {view.name: view for view in campaign("x")}
     for view in campaign("x-test"):
         same = training[view.name]
-        assert view.true_camera_from_part == same.true_camera_from_part
-        assert view.reported_camera_from_part == same.reported_camera_from_part
-        assert view.seed == same.seed
+        assert view.camera_from_part == same.camera_from_part
 
 
 def test_one_campaign_serves_the_inside_rows(campaign):
@@ -139,16 +137,10 @@ def test_one_campaign_serves_the_inside_rows(campaign):
             assert view.exposures_ms == inside[view.name].exposures_ms
 
 
-def test_some_near_views_and_no_others_are_aligned_by_kinematics(campaign):
-    by_kinematics = {v.name for v in campaign("x") if v.aligned_by == "kinematics"}
-    assert 0 < len(by_kinematics) < 16
-    assert all(name.startswith("near-") for name in by_kinematics)
-
-
 @pytest.mark.parametrize(("number", "lighting"), [(1, "I"), (2, "II"), (3, "III")])
 def test_lighting_rows_differ_in_light_alone(campaign, number, lighting):
     plan = plan_preset(f"lighting-{number}")
-    assert plan.lighting == lighting
+    assert plan.simulated == {"lighting": lighting}
     assert plan.planes == plan_preset("lighting-1").planes
     assert campaign(f"lighting-{number}") == campaign("lighting-1")
 

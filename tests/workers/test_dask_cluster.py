@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -15,9 +14,9 @@ import pytest
 
 from exposight.cell import CampaignFolder
 from exposight.errors import FileError, InputError, NumericalError
+from exposight.measuring import measure, measure_observations
+from exposight.measuring.record import check_record
 from exposight.observing import observe_campaign
-from exposight.twin import simulate, simulate_observations
-from exposight.twin.campaign.record import check_record
 from exposight.workers import DaskCluster, Workers
 from exposight.workers import dask_cluster as cluster_module
 
@@ -85,11 +84,6 @@ def cluster(empty):
     return empty.with_workers(2)
 
 
-@pytest.fixture
-def settings(cluster, rings):
-    return replace(rings, cluster=cluster.address)
-
-
 def test_a_scheduler_without_workers(empty):
     message = "has no worker, and none came in 0.5 s; start some with: dask worker tcp://127"
     with pytest.raises(InputError, match=message):
@@ -102,13 +96,17 @@ def test_no_task_needs_no_scheduler():
 
 @pytest.mark.parametrize("workers", [1, 4])  # in this order, and before tests that start two
 def test_a_cluster_gives_the_same_bytes_as_one_process(
-    tmp_path, alone, empty, rings, sheet_plan, content, workers
+    tmp_path, alone, empty, cell, sheet_plan, content, reports, workers
 ):
     cluster = empty.with_workers(workers)
     assert len(cluster.workers) == workers
-    reports = []
-    settings = replace(rings, cluster=cluster.address)
-    simulate(sheet_plan, tmp_path / "c", settings, lambda *n: reports.append(n))
+    measure(
+        sheet_plan,
+        cell(sheet_plan),
+        tmp_path / "c",
+        cluster=cluster.address,
+        progress=reports,
+    )
     assert content(tmp_path / "c") == content(alone)
     assert reports == [(done, 8) for done in (0, 2, 4, 6, 8)]
 
@@ -127,38 +125,52 @@ def test_a_process_does_one_task_at_a_time_whatever_its_threads(cluster):
         assert all(ended <= begun for (_, ended), (begun, _) in pairwise(spans))
 
 
-def test_observing_needs_no_folder(alone, settings, sheet_plan):
-    table = simulate_observations(sheet_plan, settings)
+def test_observing_needs_no_folder(alone, cluster, cell, sheet_plan):
+    table = measure_observations(sheet_plan, cell(sheet_plan), cluster=cluster.address)
     assert table.frame.equals(observe_campaign(CampaignFolder(alone)).frame)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_a_worker_that_is_killed_costs_no_capture(
-    tmp_path, alone, cluster, settings, sheet_plan, content
+    tmp_path, alone, cluster, cell, sheet_plan, content
 ):
-    def kill_one(done, _total):
+    def kill_one(_stage, done, _total):
         if done == 2:
             cluster.workers[0].send_signal(signal.SIGKILL)
 
-    simulate(sheet_plan, tmp_path / "c", settings, kill_one)
+    measure(
+        sheet_plan,
+        cell(sheet_plan),
+        tmp_path / "c",
+        cluster=cluster.address,
+        progress=kill_one,
+    )
     assert cluster.workers[0].wait() == -signal.SIGKILL
     assert content(tmp_path / "c") == content(alone)
 
 
-def test_an_interrupt_cancels_what_is_not_begun(tmp_path, alone, settings, sheet_plan, content):
-    def interrupt(done, _total):
+def test_an_interrupt_cancels_what_is_not_begun(
+    tmp_path, alone, cluster, cell, sheet_plan, content
+):
+    def interrupt(_stage, done, _total):
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(sheet_plan, tmp_path / "c", settings, interrupt)
-    simulate(sheet_plan, tmp_path / "c", settings)
+        measure(
+            sheet_plan,
+            cell(sheet_plan),
+            tmp_path / "c",
+            cluster=cluster.address,
+            progress=interrupt,
+        )
+    measure(sheet_plan, cell(sheet_plan), tmp_path / "c", cluster=cluster.address)
     assert content(tmp_path / "c") == content(alone)
 
 
 def test_an_error_of_a_task_is_its_own(cluster, tmp_path):
     work = partial(check_record, tmp_path / "nowhere")
-    message = r"nowhere is not the same on .*\(simulation\.json: No such file.*at the same path"
+    message = r"nowhere is not the same on .*\(measurement\.json: No such file.*at the same path"
     with pytest.raises(FileError, match=message):
         list(DaskCluster(cluster.address).run(work, ["0" * 64]))
 
@@ -232,6 +244,6 @@ def test_without_dask(monkeypatch):
         list(DaskCluster("tcp://127.0.0.1:1").run(abs, [-1]))
 
 
-def test_workers_here_and_a_cluster_are_not_mixed(rings):
+def test_workers_here_and_a_cluster_are_not_mixed(sheet_plan, cell):
     with pytest.raises(InputError, match="got 2 workers and the cluster 'tcp://host:8786'; choose"):
-        replace(rings, workers=2, cluster="tcp://host:8786")
+        measure_observations(sheet_plan, cell(sheet_plan), workers=2, cluster="tcp://host:8786")

@@ -29,6 +29,7 @@ from exposight.cell.sensor import (
     PresetName,
     Projector,
     StoredPose,
+    preset_name,
     read_sensor,
     sensor_named_or_read,
     sensor_preset,

@@ -22,6 +22,7 @@ from exposight.cell.capture import (
     read_attachments,
     read_capture,
     read_key,
+    read_pose,
     write_capture,
 )
 from exposight.cell.feature_files import features_from_csv, features_to_csv
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from filelock import BaseFileLock
+
+    from exposight.geometry import RigidTransform
 
 
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
@@ -182,7 +185,22 @@ class CampaignFolder:
             If a capture cannot be read; the message names the file.
         """
         for number in self.numbers:
-            yield read_capture(_capture_path(self.path, number))
+            yield self.capture(number)
+
+    def capture(self, number: int) -> Capture:
+        """Return one capture.
+
+        Parameters
+        ----------
+        number : int
+            One of `numbers`.
+
+        Raises
+        ------
+        MissingFileError, DamagedFileError, FormatError, VersionError
+            If it cannot be read; the message names the file.
+        """
+        return read_capture(_capture_path(self.path, number))
 
     def attachments(self, number: int) -> Mapping[str, bytes]:
         """Return a capture's attachments by name without reading its image and cloud.
@@ -199,6 +217,10 @@ class CampaignFolder:
     def keys(self) -> tuple[CaptureKey, ...]:
         """Return the view and exposure time of every capture, in the order they were taken."""
         return tuple(read_key(_capture_path(self.path, number)) for number in self.numbers)
+
+    def poses(self) -> tuple[RigidTransform, ...]:
+        """Return ``camera_from_part`` of every capture, in the order they were taken."""
+        return tuple(read_pose(_capture_path(self.path, number)) for number in self.numbers)
 
 
 class CampaignWriter:

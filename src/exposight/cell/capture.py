@@ -269,6 +269,17 @@ def read_key(folder: Path) -> CaptureKey:
     return CaptureKey(description.view, description.exposure_ms)
 
 
+def read_pose(folder: Path) -> RigidTransform:
+    """Return the pose of a capture without reading its image and cloud.
+
+    Raises
+    ------
+    MissingFileError, DamagedFileError, FormatError, VersionError
+        As `read_capture`.
+    """
+    return _read_description(folder).camera_from_part
+
+
 def read_capture(folder: Path) -> Capture:
     """Read a capture and verify its checksums.
 

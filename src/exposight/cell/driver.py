@@ -32,7 +32,10 @@ Optional members, which the loop looks up by name:
     then be picklable. A cell with one robot and one sensor leaves it out.
 ``description()`` : dict
     JSON-able facts that decide the bytes of captures beyond sensor, part and plan, such as gain or
-    firmware. An interrupted campaign only continues with an equal description.
+    firmware. An interrupted campaign only continues with an equal description; its key ``driver``
+    names the kind of cell.
+``campaign_files()`` : mapping of str to bytes
+    Further files for the campaign's folder, by name, such as what raw frames mean.
 """
 
 from __future__ import annotations

@@ -392,3 +392,8 @@ def sensor_named_or_read(name_or_path: str | Path) -> ActiveSensor:
         "of a sensor (every campaign folder has its own, sensor.json)"
     )
     raise SensorError(msg + did_you_mean(name, PRESETS))
+
+
+def preset_name(sensor: ActiveSensor) -> str | None:
+    """Return the name of the preset that a sensor is, or None where it is another sensor."""
+    return next((name for name, build in PRESETS.items() if build() == sensor), None)

@@ -21,12 +21,12 @@ from exposight.errors import FormatError, ImageError, MissingFileError, did_you_
 from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
 from exposight.geometry import read_ros_camera_info as read_camera_info
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
+from exposight.measuring import recorded_driver
 from exposight.models import MODEL_SUFFIX, GaussianProcessModel, is_model_file, load_model
 from exposight.observing import read_observations
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
 from exposight.tables import number
-from exposight.twin.campaign import RECORD_FILE
 from exposight.twin.part import MESH_FILE, read_scene
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def _campaign(path: Path) -> Iterator[Fact]:
     yield _names("views", sorted({key.view for key in keys}))
     yield fact("exposures_ms", sorted({key.exposure_ms for key in keys}))
     yield fact("captures", len(campaign), f"{len(campaign)}, every file verified")
-    simulated = (folder / RECORD_FILE).is_file()
+    simulated = recorded_driver(folder) == "simulated cell"
     yield from _facts(clouds=clouds, emulated=emulated, simulated=simulated)
 
 

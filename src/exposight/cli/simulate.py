@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated
@@ -11,30 +12,28 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.types import PositiveInt
 
-from exposight import twin  # noqa: F401  (before plans, which it imports)
-from exposight.cell import sensor_preset
+from exposight.cell import preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.observe import visibility_table
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, MissingFileError, did_you_mean
-from exposight.plans import PLAN_SUFFIXES, PLANS, DepthPlane, read_plan, views
-from exposight.tables import Column, Table, count, counted, number
-from exposight.twin.campaign import (
+from exposight.measuring import (
     OBSERVATIONS_FILE,
-    CellSettings,
-    scene_at,
-    simulate,
-    simulate_observations,
+    check_table_path,
+    measure,
+    measure_observations,
     views_folder,
 )
+from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
+from exposight.tables import Column, Table, count, counted, number
+from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
 from exposight.workers import usual_workers
 
 if TYPE_CHECKING:
     from exposight.cli.result import Fact
-    from exposight.observing import ObservationTable
-    from exposight.plans import MeasuringPlan
+    from exposight.plans import MeasuringPlan, PlannedView
     from exposight.workers import Progress
 
 
@@ -122,17 +121,42 @@ def simulate_command(
             )
             raise UsageError(msg)
         return _export(chosen, scene, export_scene_to)
-    settings = CellSettings(
-        rings_only=rings_only,
-        clouds=not no_clouds,
-        raw_frames=raw_frames,
-        workers=workers or (1 if cluster else usual_workers()),
-        cluster=cluster,
-        scene=scene,
-    )
+    output = output or Path("observations.csv" if observe else "campaign")
     if observe:
-        return _observed(chosen, output or Path("observations.csv"), settings)
-    return _simulated(chosen, output or Path("campaign"), settings)
+        check_table_path(output)  # before anything that takes time
+    changes = {"rings_only": rings_only, "raw_frames": raw_frames, "scene": scene}
+    start = time.perf_counter()
+    with progress_bars(kept_in=views_folder(output) if observe else output) as progress:
+        progress("preparing the scene", 0, 0)
+        run = _Run(
+            plan=chosen,
+            cell=SimulatedCell.for_plan(
+                chosen,
+                folder=None if plan in PLANS else Path(plan).parent,
+                **{name: value for name, value in changes.items() if value},
+            ),
+            clouds=not no_clouds,
+            workers=workers or (1 if cluster else usual_workers()),
+            cluster=cluster,
+            start=start,
+        )
+        return _observed(run, output, progress) if observe else _simulated(run, output, progress)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    """A plan, the cell that carries it out, and how."""
+
+    plan: MeasuringPlan
+    cell: SimulatedCell
+    clouds: bool
+    workers: int
+    cluster: str | None
+    start: float
+
+    @property
+    def views(self) -> tuple[PlannedView, ...]:
+        return self.plan.views(self.cell.part)
 
 
 class _Captures:
@@ -143,95 +167,100 @@ class _Captures:
         self.before: int | None = None
         self.total = 0
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        if stage != "measuring":
+            self._progress(stage, 0, 0)
+            return
         if self.before is None:
             self.before = done
         self.total = total
         self._progress(self._title, done, total)
 
-    def stage(self, stage: str) -> None:
-        self._progress(stage, 0, 0)
 
-
-def _simulated(plan: MeasuringPlan, output: Path, settings: CellSettings) -> Result:
-    start = time.perf_counter()
+def _simulated(run: _Run, output: Path, progress: Progress) -> Result:
     file = Written.at(output, "campaign")
-    with progress_bars(kept_in=output) as progress:
-        captures = _Captures(progress, f"simulating {plan.name}")
-        simulate(plan, output, settings, captures, stage=captures.stage)
+    captures = _Captures(progress, f"simulating {run.plan.name}")
+    measure(
+        run.plan,
+        run.cell,
+        output,
+        clouds=run.clouds,
+        workers=run.workers,
+        cluster=run.cluster,
+        progress=captures,
+    )
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
     observed = output / OBSERVATIONS_FILE
     next_step = f"observe {quote(str(output))}"
-    if not settings.clouds:
+    if not run.clouds:
         next_step = f"train {quote(str(observed))}"
     return Result(
-        title=f"{plan.name}: {plan.sensor}",
+        title=f"{run.plan.name}: {_sensor(run.plan)}",
         facts=(
-            *_facts(plan, settings, captures, time.perf_counter() - start),
-            fact("clouds", settings.clouds, ""),
-            fact("raw_frames", settings.raw_frames, ""),
+            *_facts(run, captures),
+            fact("clouds", run.clouds, ""),
+            fact("raw_frames", run.cell.settings.raw_frames, ""),
             fact("bytes", size, f"{number(size / 1e6, 3)} MB"),
         ),
         files=(file,)
-        if settings.clouds
+        if run.clouds
         else (file, Written(kind="observations", path=observed, replaced=False)),
-        notes=_blind(plan, settings),
+        notes=_blind(run),
         next_step=next_step,
     )
 
 
-def _observed(plan: MeasuringPlan, output: Path, settings: CellSettings) -> Result:
-    start = time.perf_counter()
+def _observed(run: _Run, output: Path, progress: Progress) -> Result:
     file = Written.at(output, "observations")
-    with progress_bars(kept_in=views_folder(output)) as progress:
-        captures = _Captures(progress, f"simulating and observing {plan.name}")
-        table: ObservationTable = simulate_observations(
-            plan, settings, captures, table_path=output, stage=captures.stage
-        )
+    captures = _Captures(progress, f"simulating and observing {run.plan.name}")
+    table = measure_observations(
+        run.plan,
+        run.cell,
+        table_path=output,
+        workers=run.workers,
+        cluster=run.cluster,
+        progress=captures,
+    )
     return Result(
-        title=f"{plan.name}: {plan.sensor}",
+        title=f"{run.plan.name}: {_sensor(run.plan)}",
         facts=(
-            *_facts(plan, settings, captures, time.perf_counter() - start),
+            *_facts(run, captures),
             fact("rows", len(table)),
         ),
         tables=(visibility_table(table),),
         files=(file,),
-        notes=_blind(plan, settings),
+        notes=_blind(run),
         next_step=f"train {quote(str(output))}",
     )
 
 
-def _views_of_feature(plan: MeasuringPlan, settings: CellSettings) -> dict[str, int]:
+def _views_of_feature(run: _Run) -> dict[str, int]:
     """Return in how many views each feature can be seen."""
-    planned = views(plan, scene_at(settings.scene).part, sensor_preset(plan.sensor))
-    visible = Counter(name for view in planned for name in view.visible)
-    return {name: visible[name] for name in plan.features}
+    visible = Counter(name for view in run.views for name in view.visible)
+    return {name: visible[name] for name in run.plan.features}
 
 
-def _blind(plan: MeasuringPlan, settings: CellSettings) -> tuple[str, ...]:
-    blind = [name for name, n in _views_of_feature(plan, settings).items() if not n]
+def _blind(run: _Run) -> tuple[str, ...]:
+    blind = [name for name, n in _views_of_feature(run).items() if not n]
     return (f"no view sees {', '.join(blind)}",) if blind else ()
 
 
-def _facts(
-    plan: MeasuringPlan, settings: CellSettings, captures: _Captures, seconds: float
-) -> tuple[Fact, ...]:
-    part = scene_at(settings.scene).part
-    planned = views(plan, part, sensor_preset(plan.sensor))
+def _facts(run: _Run, captures: _Captures) -> tuple[Fact, ...]:
+    planned, seconds = run.views, time.perf_counter() - run.start
     exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]
     before = captures.before or 0
     there = f", {count(before)} of them were there before" if before else ""
-    kinematic = sum(view.aligned_by == "kinematics" for view in planned)
-    processes = min(settings.workers, max(1, len(planned)))  # a view is done by one of them
-    where = settings.cluster or counted(processes, "worker")
-    visible = _views_of_feature(plan, settings)
+    aligned = [run.cell.alignment(view.name).aligned_by for view in planned]
+    processes = min(run.workers, max(1, len(planned)))  # a view is done by one of them
+    where = run.cluster or counted(processes, "worker")
+    visible = _views_of_feature(run)
     return (
-        fact("plan", plan.name, ""),
-        fact("sensor", plan.sensor, ""),
-        fact("part", part.name),
-        fact("rings_only", settings.rings_only),
+        fact("plan", run.plan.name, ""),
+        fact("sensor", _sensor(run.plan), ""),
+        fact("part", run.cell.part.name),
+        fact("rings_only", run.cell.settings.rings_only),
         fact("views", len(planned)),
-        fact("views_aligned_by_kinematics", kinematic),
+        fact("views_aligned_by_kinematics", aligned.count("kinematics")),
         fact(
             "views_of_feature",
             visible,
@@ -244,8 +273,8 @@ def _facts(
             {"min": min(exposures), "max": max(exposures)},
             f"{number(min(exposures))} to {number(max(exposures))}",
         ),
-        fact("workers", None if settings.cluster else processes, ""),
-        fact("cluster", settings.cluster, ""),
+        fact("workers", None if run.cluster else processes, ""),
+        fact("cluster", run.cluster, ""),
         fact("seconds", seconds, f"{number(seconds, 3)}, {where}"),
     )
 
@@ -260,11 +289,11 @@ def _export(plan: MeasuringPlan, scene: Path | None, folder: Path) -> Result:
             (SENSOR_FILE, "sensor"),
         )
     )
-    export_scene(folder, shown, sensor_preset(plan.sensor))
+    export_scene(folder, shown, plan.sensor)
     facts = (
         fact("triangles", len(shown.faces)),
         fact("features", len(shown.part.features)),
-        fact("sensor", plan.sensor),
+        fact("sensor", _sensor(plan)),
     )
     return Result(facts=facts, files=files)
 
@@ -314,14 +343,14 @@ def plan_from(name_or_path: str) -> MeasuringPlan:
     raise InputError(msg)
 
 
+def _sensor(plan: MeasuringPlan) -> str:
+    """Return the name of a plan's sensor: that of its preset, where it is one."""
+    return preset_name(plan.sensor) or plan.sensor.name
+
+
 def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
     """Return what a measuring plan holds."""
-    positions = {
-        group.name: len(group.x_mm) * len(group.y_mm)
-        if isinstance(group, DepthPlane)
-        else group.count
-        for group in plan.groups
-    }
+    positions = {group.name: group.n_views for group in plan.groups}
     exposures = {group.name: list(group.exposures_ms) for group in plan.groups}
     captures = sum(n * len(exposures[name]) for name, n in positions.items())
     per_group = ", ".join(f"{name} {count(n)}" for name, n in positions.items())
@@ -330,9 +359,9 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
     each = (f"{name} {', '.join(f'{t:g}' for t in times)}" for name, times in exposures.items())
     return (
         fact("plan", plan.name),
-        fact("sensor", plan.sensor),
+        fact("sensor", _sensor(plan)),
         fact("side", plan.side),
-        fact("lighting", plan.lighting),
+        fact("lighting", plan.simulated.get("lighting", "I")),
         fact("features", plan.features),
         fact("views", positions, f"{at_most}{count(sum(positions.values()))}: {per_group}"),
         fact("exposures_ms", exposures, "\n".join(each)),

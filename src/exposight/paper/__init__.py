@@ -1,6 +1,5 @@
 """The paper's study: its datasets, model variants, tables, findings and figures, as data."""
 
-import exposight.twin  # before plans: they import each other for now
 from exposight.paper.campaigns import CAMPAIGNS, StudyCampaign, campaign_plan
 from exposight.paper.datasets import DATASETS, Dataset, build_dataset
 from exposight.paper.figure_data import (

@@ -18,17 +18,16 @@ from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
 from exposight.files.documents import sha256_of
 from exposight.files.kept import KeptFiles
+from exposight.measuring import measure_observations
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
 from exposight.plans import plan_preset, plan_to_toml
-from exposight.twin.campaign import CellSettings, scene_at, scene_checksum, simulate_observations
+from exposight.twin import SimulatedCell, scene_at, scene_checksum
 from exposight.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from exposight.paper.study_settings import SensorKind, StudySettings
-    from exposight.plans import DepthPlane, MeasuringPlan, RandomPositions
+    from exposight.plans import MeasuringPlan
     from exposight.workers import Progress
 
 
@@ -134,13 +133,10 @@ def _thinned(plan: MeasuringPlan, *, x: slice, y: slice, exposures: slice) -> Me
 
 def plan_size(plan: MeasuringPlan) -> tuple[int, int]:
     """Return how many views and captures a plan has."""
-    views = [_n_positions(group) for group in plan.groups]
-    counts = zip(views, plan.groups, strict=True)
-    return sum(views), sum(n * len(group.exposures_ms) for n, group in counts)
-
-
-def _n_positions(group: DepthPlane | RandomPositions) -> int:
-    return len(tuple(group.names() if hasattr(group, "names") else group.positions()))
+    return (
+        sum(group.n_views for group in plan.groups),
+        sum(group.n_views * len(group.exposures_ms) for group in plan.groups),
+    )
 
 
 _logger = logging.getLogger(__name__)
@@ -202,7 +198,7 @@ def collect(
     SensorError
         If a recorded campaign is of the wrong kind of sensor.
     ExposightError
-        As for `simulate_observations` and `observe_campaign`.
+        As for `measure_observations` and `observe_campaign`.
     """
     if settings.campaigns is None:
         return _simulated(campaign, folder, settings, progress)
@@ -219,21 +215,22 @@ def _simulated(
     kept = KeptFiles(folder, plan_to_toml(plan), scene_checksum(scene_at(None)), __version__)
     name = f"{campaign.name}.parquet"
     if kept.find(name) is None:
-        counted = _counted(campaign, progress)
-        cell = CellSettings(rings_only=campaign.sensor != "stereo", workers=settings.workers)
-        simulate_observations(plan, cell, counted, table_path=kept.path(name))
+        stage = f"measuring {campaign.name}"
+        measure_observations(
+            plan,
+            SimulatedCell.for_plan(plan, rings_only=campaign.sensor != "stereo"),
+            table_path=kept.path(name),
+            workers=settings.workers,
+            progress=lambda _, done, total: progress(stage, done, total),
+        )
         kept.seal(name)
     table = read_observations(kept.path(name))
     return ObservedCampaign(
         campaign=campaign,
-        sensor=sensor_preset(plan.sensor),
+        sensor=plan.sensor,
         table=table,
         description=_described(campaign, plan),
     )
-
-
-def _counted(campaign: StudyCampaign, progress: Progress) -> Callable[[int, int], None]:
-    return lambda done, total: progress(f"measuring {campaign.name}", done, total)
 
 
 def _extent(views: int, captures: int) -> str:

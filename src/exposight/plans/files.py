@@ -3,9 +3,9 @@
 In TOML; YAML has the same keys::
 
     format = "exposight measuring plan"
-    version = 1
+    version = 2
     name = "near and far"
-    sensor = "comet-pro-ae"
+    sensor = "comet-pro-ae"    # or the path of a sensor's document, from this file
     features = ["f1", "f2"]
     reference = "f1"
 
@@ -15,26 +15,33 @@ In TOML; YAML has the same keys::
     x_mm = { first = -135, last = 135, count = 4 }    # or a list
     y_mm = [-100, 0, 100]
     exposures_ms = { first = 5, last = 100, count = 10 }    # logarithmic; or a list
+
+    [simulated]    # for the simulated cell alone
+    lighting = "II"
 """
 
 from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Discriminator, Field, Tag
+import tomli_w
+from pydantic import Field
 
-from exposight.cell import sensor_preset
-from exposight.errors import FormatError, InputError, MissingFileError
-from exposight.files.documents import StrictDocument, check_header, validate
+from exposight.cell import PRESETS, preset_name, sensor_named_or_read, write_sensor
+from exposight.errors import FormatError, InputError
+from exposight.files.documents import check_header, validate
 from exposight.files.durable import write_durably
-from exposight.plans.alignment import AlignmentErrors
+from exposight.files.reading import read_text
 from exposight.plans.plain_yaml import load_yaml
-from exposight.plans.plan import BlindViews, DepthPlane, MeasuringPlan, RandomPositions, Side
-from exposight.plans.spacing import even_positions, logarithmic_exposures
-from exposight.twin.light import Lighting
+from exposight.plans.plan import MeasuringPlan
+from exposight.plans.positions import (
+    even_positions,
+    logarithmic_exposures,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,130 +50,29 @@ if TYPE_CHECKING:
 
 
 PLAN_FORMAT = "exposight measuring plan"
-PLAN_VERSION = 1
+PLAN_VERSION = 2
+"""2: any sensor, fixed views, and the simulated cell's settings in a table of their own."""
 PLAN_SUFFIXES = (".toml", ".yaml", ".yml")
 
 _LONGEST = 1000
 """Numbers in one list: more is a slip of the pen."""
 
 
-class _Even(StrictDocument):
+_Count = Annotated[int, Field(ge=2, le=_LONGEST)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Even:
     first: float
     last: float
-    count: Annotated[int, Field(ge=2, le=_LONGEST)]
+    count: _Count
 
 
-class _Logarithmic(StrictDocument):
+@dataclass(frozen=True, kw_only=True)
+class _Logarithmic:
     first: Annotated[float, Field(gt=0)]
     last: Annotated[float, Field(gt=0)]
-    count: Annotated[int, Field(ge=2, le=_LONGEST)]
-
-
-def _written_as(value: object) -> str:
-    return "steps" if isinstance(value, (dict, StrictDocument)) else "list"
-
-
-_List = Annotated[tuple[float, ...], Tag("list")]
-_Positions = Annotated[_List | Annotated[_Even, Tag("steps")], Discriminator(_written_as)]
-_Exposures = Annotated[_List | Annotated[_Logarithmic, Tag("steps")], Discriminator(_written_as)]
-_Range = Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]
-
-
-class _PlaneDocument(StrictDocument):
-    name: str
-    z_tcp_mm: float
-    x_mm: _Positions
-    y_mm: _Positions
-    exposures_ms: _Exposures
-    kinematic_share: float = 0.0
-
-    def build(self, sensor: ActiveSensor) -> DepthPlane:
-        return DepthPlane(
-            name=self.name,
-            z_tcp_mm=self.z_tcp_mm,
-            x_mm=_positions(self.x_mm),
-            y_mm=_positions(self.y_mm),
-            exposures_ms=_exposures(self.exposures_ms, sensor, self.name),
-            kinematic_share=self.kinematic_share,
-        )
-
-
-class _RandomDocument(StrictDocument):
-    name: str
-    count: int
-    x_mm: _Range
-    y_mm: _Range
-    z_tcp_mm: _Range
-    exposures_ms: _Exposures
-    kinematic_share: float = 0.0
-
-    def build(self, sensor: ActiveSensor) -> RandomPositions:
-        return RandomPositions(
-            name=self.name,
-            count=self.count,
-            x_mm=(self.x_mm[0], self.x_mm[1]),
-            y_mm=(self.y_mm[0], self.y_mm[1]),
-            z_tcp_mm=(self.z_tcp_mm[0], self.z_tcp_mm[1]),
-            exposures_ms=_exposures(self.exposures_ms, sensor, self.name),
-            kinematic_share=self.kinematic_share,
-        )
-
-
-class _AlignmentDocument(StrictDocument):
-    photogrammetric_mm: float = AlignmentErrors.photogrammetric_mm
-    photogrammetric_deg: float = AlignmentErrors.photogrammetric_deg
-    kinematic_max_mm: float = AlignmentErrors.kinematic_max_mm
-    kinematic_max_deg: float = AlignmentErrors.kinematic_max_deg
-
-
-class _PlanDocument(StrictDocument):
-    format: Literal["exposight measuring plan"]
-    version: int
-    name: str
-    sensor: str
-    features: tuple[str, ...]
-    reference: str
-    side: Side = "inside"
-    lighting: Lighting = "I"
-    blind_views: BlindViews = "refuse"
-    seed: int = 0
-    alignment: _AlignmentDocument = _AlignmentDocument()
-    planes: tuple[_PlaneDocument, ...] = ()
-    random: tuple[_RandomDocument, ...] = ()
-
-    def build(self) -> MeasuringPlan:
-        sensor = sensor_preset(self.sensor)
-        return MeasuringPlan(
-            name=self.name,
-            sensor=self.sensor,
-            features=self.features,
-            reference=self.reference,
-            side=self.side,
-            planes=tuple(plane.build(sensor) for plane in self.planes),
-            random=tuple(box.build(sensor) for box in self.random),
-            lighting=self.lighting,
-            blind_views=self.blind_views,
-            alignment=AlignmentErrors(**self.alignment.model_dump()),
-            seed=self.seed,
-        )
-
-
-def _positions(written: tuple[float, ...] | _Even) -> tuple[float, ...]:
-    if isinstance(written, _Even):
-        return even_positions(written.first, written.last, written.count)
-    return written
-
-
-def _exposures(
-    written: tuple[float, ...] | _Logarithmic, sensor: ActiveSensor, views: str
-) -> tuple[float, ...]:
-    if not isinstance(written, _Logarithmic):
-        return written
-    try:
-        return logarithmic_exposures(written.first, written.last, written.count, sensor)
-    except InputError as error:
-        msg = f"exposures_ms of {views!r}: {error}"
-        raise InputError(msg) from error
+    count: _Count
 
 
 def read_plan(path: str | Path) -> MeasuringPlan:
@@ -183,23 +89,18 @@ def read_plan(path: str | Path) -> MeasuringPlan:
         If it was written for a newer version of exposight.
     """
     path = Path(path)
-    if not path.is_file():
-        msg = f"{path}: no such measuring plan; expected a TOML or YAML file"
-        raise MissingFileError(msg)
     suffix = path.suffix.lower()
-    if suffix not in PLAN_SUFFIXES:
+    if path.is_file() and suffix not in PLAN_SUFFIXES:
         msg = f"{path}: a measuring plan ends in {', '.join(PLAN_SUFFIXES)}, got {path.suffix!r}"
         raise FormatError(msg)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        msg = f"{path} is not UTF-8 text; expected a measuring plan in TOML or YAML"
-        raise FormatError(msg) from error
+    text = read_text(path, "measuring plan in TOML or YAML")
     from_text = plan_from_toml if suffix == ".toml" else plan_from_yaml
-    return from_text(text, source=str(path))
+    return from_text(text, source=str(path), folder=path.parent)
 
 
-def plan_from_toml(text: str, *, source: str = "the measuring plan") -> MeasuringPlan:
+def plan_from_toml(
+    text: str, *, source: str = "the measuring plan", folder: Path | None = None
+) -> MeasuringPlan:
     """Read a measuring plan from TOML.
 
     Parameters
@@ -208,6 +109,8 @@ def plan_from_toml(text: str, *, source: str = "the measuring plan") -> Measurin
         The plan.
     source : str
         Where it comes from, for messages.
+    folder : Path, optional
+        Where the path of a sensor's document begins; the working directory by default.
 
     Raises
     ------
@@ -222,10 +125,12 @@ def plan_from_toml(text: str, *, source: str = "the measuring plan") -> Measurin
     except ValueError as error:  # broken, or a number of thousands of digits
         msg = f"{source} is not TOML: {error}"
         raise FormatError(msg) from error
-    return _plan(raw, source)
+    return _plan(raw, source, folder or Path())
 
 
-def plan_from_yaml(text: str, *, source: str = "the measuring plan") -> MeasuringPlan:
+def plan_from_yaml(
+    text: str, *, source: str = "the measuring plan", folder: Path | None = None
+) -> MeasuringPlan:
     """Read a measuring plan from YAML (`exposight.plans.plain_yaml`), with the keys of TOML.
 
     Parameters
@@ -234,6 +139,8 @@ def plan_from_yaml(text: str, *, source: str = "the measuring plan") -> Measurin
         The plan.
     source : str
         Where it comes from, for messages.
+    folder : Path, optional
+        Where the path of a sensor's document begins; the working directory by default.
 
     Raises
     ------
@@ -245,24 +152,91 @@ def plan_from_yaml(text: str, *, source: str = "the measuring plan") -> Measurin
     except ValueError as error:
         msg = f"{source} is not the plain YAML of a plan: {error}"
         raise FormatError(msg) from error
-    return _plan(raw, source)
+    return _plan(raw, source, folder or Path())
 
 
-def _plan(raw: object, source: str) -> MeasuringPlan:
+def _plan(raw: object, source: str, folder: Path) -> MeasuringPlan:
     if not isinstance(raw, dict):
         msg = f"{source} must hold keys and values, got {type(raw).__name__}"
         raise FormatError(msg)
     check_header(raw, format_name=PLAN_FORMAT, newest=PLAN_VERSION, source=source)
-    document = validate(_PlanDocument, raw, source)
+    table = {key: value for key, value in raw.items() if key not in {"format", "version"}}
+    for key in ("planes", "random"):
+        if isinstance(table.get(key), list):  # copies, whose short forms can be written out
+            table[key] = [dict(g) if isinstance(g, dict) else g for g in table[key]]
+    if raw["version"] == 1:
+        _move_settings(table)
     try:
-        return document.build()
+        sensor = _sensor(table.get("sensor"), folder)
+        if sensor is None:
+            return validate(MeasuringPlan, table, source)
+        for place, group in _groups(table):
+            _write_out(group, sensor, f"{source}: {place}")
     except InputError as error:
         msg = f"{source}: {error}"
         raise FormatError(msg) from error
+    table["sensor"] = _content(sensor)
+    return replace(validate(MeasuringPlan, table, source), sensor=sensor)
+
+
+def _content(sensor: ActiveSensor) -> dict[str, Any]:
+    document = json.loads(sensor.to_json())
+    return {key: value for key, value in document.items() if key not in {"format", "version"}}
+
+
+def _groups(raw: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the place and the content of every group of views that is one."""
+    for key in ("planes", "random"):
+        groups = raw.get(key)
+        for i, group in enumerate(groups if isinstance(groups, list) else ()):
+            if isinstance(group, dict):
+                yield f"{key}[{i}]", group
+
+
+def _move_settings(raw: dict[str, Any]) -> None:
+    """Move what version 1 says of the simulated cell to where version 2 has it."""
+    simulated: dict[str, Any] = {
+        key: raw.pop(key) for key in ("lighting", "alignment") if key in raw
+    }
+    shares = {
+        group.get("name"): group.pop("kinematic_share")
+        for _, group in _groups(raw)
+        if "kinematic_share" in group
+    }
+    if shares:
+        simulated["kinematic_share"] = shares
+    if simulated:
+        raw["simulated"] = simulated
+
+
+def _sensor(name: object, folder: Path) -> ActiveSensor | None:
+    if not isinstance(name, str):  # `validate` says so
+        return None
+    return sensor_named_or_read(name if name in PRESETS else folder / name)
+
+
+def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
+    """Replace the short forms of lists by the lists."""
+    for key in ("x_mm", "y_mm"):
+        if isinstance(group.get(key), dict):
+            even = validate(_Even, group[key], f"{place}.{key}")
+            group[key] = even_positions(even.first, even.last, even.count)
+    if isinstance(group.get("exposures_ms"), dict):
+        steps = validate(_Logarithmic, group["exposures_ms"], f"{place}.exposures_ms")
+        try:
+            group["exposures_ms"] = logarithmic_exposures(
+                steps.first, steps.last, steps.count, sensor
+            )
+        except InputError as error:
+            msg = f"exposures_ms of {group.get('name')!r}: {error}"
+            raise InputError(msg) from error
 
 
 def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
-    """Write a measuring plan as a TOML file; the file is whole or absent.
+    """Write a measuring plan as a TOML file, and its sensor beside it unless that is a preset.
+
+    The plan is whole or absent. The sensor's document is called after it: ``door-sensor.json``
+    beside ``door.toml``.
 
     Raises
     ------
@@ -271,38 +245,50 @@ def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
     FileError
         If the disk refuses.
     """
-    if Path(path).suffix.lower() != ".toml":
+    path = Path(path)
+    if path.suffix.lower() != ".toml":
         msg = f"{path}: plans are written in TOML; give the file a name that ends in .toml"
         raise FormatError(msg)
-    write_durably(Path(path), plan_to_toml(plan).encode())
+    document = f"{path.stem}-sensor.json"
+    if preset_name(plan.sensor) is None:
+        write_sensor(path.with_name(document), plan.sensor)
+    write_durably(path, plan_to_toml(plan, sensor_file=document).encode())
 
 
-def plan_to_toml(plan: MeasuringPlan) -> str:
-    """Return a measuring plan in TOML, every key written out, to be read or edited."""
+def plan_to_toml(plan: MeasuringPlan, *, sensor_file: str = "sensor.json") -> str:
+    """Return a measuring plan in TOML, every key written out, to be read or edited.
+
+    Parameters
+    ----------
+    plan : MeasuringPlan
+        The plan.
+    sensor_file : str
+        Path of the sensor's document from the plan's folder, named unless the sensor is a preset.
+    """
+    sensor = preset_name(plan.sensor) or sensor_file
     lines = [
-        *_entries(format=PLAN_FORMAT, version=PLAN_VERSION, name=plan.name, sensor=plan.sensor),
+        *_entries(format=PLAN_FORMAT, version=PLAN_VERSION, name=plan.name, sensor=sensor),
         *_entries(features=plan.features, reference=plan.reference, side=plan.side),
-        *_entries(lighting=plan.lighting, blind_views=plan.blind_views, seed=plan.seed),
-        "",
-        "[alignment]",
-        *_entries(**vars(plan.alignment)),
+        *_entries(blind_views=plan.blind_views, seed=plan.seed),
     ]
     for plane in plan.planes:
         lines += ["", "[[planes]]", *_entries(**vars(plane))]
     for box in plan.random:
         lines += ["", "[[random]]", *_entries(**vars(box))]
+    for view in plan.fixed:
+        pose = tuple(map(tuple, view.camera_from_part.to_matrix().tolist()))
+        lines += ["", "[[fixed]]", *_entries(**{**vars(view), "camera_from_part": pose})]
+    if plan.simulated:
+        lines += ["", tomli_w.dumps({"simulated": plan.simulated}).rstrip()]
     return "\n".join(lines) + "\n"
 
 
-_TomlValue = str | int | float | tuple[str, ...] | tuple[float, ...]
-
-
-def _entries(**values: _TomlValue) -> Iterator[str]:
+def _entries(**values: object) -> Iterator[str]:
     for key, value in values.items():
         yield f"{key} = {_toml(value)}"
 
 
-def _toml(value: _TomlValue) -> str:
+def _toml(value: object) -> str:  # tomli_w gives every number of a list a line of its own
     if isinstance(value, tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
     if isinstance(value, str):

@@ -1,169 +1,113 @@
-"""Measuring plans: from where, for how long and in which light a part is measured.
-
-After Sect. 3.2.1 of the paper: the sensor keeps its orientation and moves so that a reference
-feature comes to lie on a grid over x and y of the TCP frame, in planes of constant z; each plane
-has its own exposure times. ``z_tcp_mm`` below 0 is nearer to the sensor.
-"""
+"""Measuring plans: from where and for how long a sensor measures a part."""
 
 from __future__ import annotations
 
-import math
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeVar, get_args
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from exposight.cell import PRESETS, Part
-from exposight.errors import FeatureError, InputError
-from exposight.plans.alignment import AlignmentErrors
-from exposight.twin.light import Lighting
+import numpy as np
+
+from exposight.cell import ActiveSensor, Part
+from exposight.errors import FeatureError, InputError, SensorError
+from exposight.geometry import RigidTransform
+from exposight.observing import Visibility, view_features
+from exposight.plans.positions import (
+    DepthPlane,
+    FixedView,
+    RandomPositions,
+    check_name,
+    first_twice,
+    view_seed,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
 
     from exposight.cell import Feature
 
-_Value = TypeVar("_Value", str, float)
 
+logger = logging.getLogger(__name__)
 
 Side = Literal["inside", "outside"]
 """The side of the part before which the sensor stands."""
 
 BlindViews = Literal["refuse", "skip"]
-"""What becomes of a position on a grid from which no feature of the plan can be seen."""
+"""What becomes of a planned position from which no feature of the plan can be seen."""
+
+_POSITION = 0x504F53  # the purpose of a stream of random numbers
+
+_MAX_DRAWS = 100
+"""Where one position in ten sees a feature, one view in forty thousand still fails."""
+
+_ORIENTATION: Mapping[Side, NDArray[np.float64]] = {
+    "inside": np.eye(3),
+    "outside": np.diag([-1.0, 1.0, -1.0]),
+}
+"""tcp_from_part's rotation for each side: parallel axes, or turned by 180° about y."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthPlane:
-    """A grid of positions of the reference feature at one depth.
+class PlannedView:
+    """One position of the sensor, as commanded.
 
     Parameters
     ----------
     name : str
-        Views are called after it: ``near-x1-y4`` is the first in x and the fourth in y.
-    z_tcp_mm : float, mm
-        The reference feature's z in the TCP frame; below 0 is nearer to the sensor.
-    x_mm, y_mm : sequence of float, mm
-        The reference feature's x and y in the TCP frame: every x is combined with every y.
-    exposures_ms : sequence of float, ms
-        Exposure times at every position.
-    kinematic_share : float, 0 to 1
-        Probability that a view is aligned by the robot's kinematics alone, not photogrammetry.
-
-    Raises
-    ------
-    InputError
-        If a list is empty, a number appears twice or is not finite, an exposure time is not above
-        0, or the share is none. The message names the plane.
+        Unique in its plan.
+    camera_from_part : RigidTransform
+        Where the part shall stand, seen from the sensor's first camera.
+    tcp_from_part : RigidTransform
+        The same in the TCP frame.
+    exposures_ms : tuple of float, ms
+        Exposure times to take.
+    visible : tuple of str
+        The plan's features that can be observed from here.
     """
 
     name: str
-    z_tcp_mm: float
-    x_mm: tuple[float, ...]
-    y_mm: tuple[float, ...]
+    camera_from_part: RigidTransform
+    tcp_from_part: RigidTransform
     exposures_ms: tuple[float, ...]
-    kinematic_share: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_name(self.name)
-        what = f"plane {self.name!r}"
-        (z_tcp_mm,) = _numbers([self.z_tcp_mm], f"{what}: z_tcp_mm")
-        object.__setattr__(self, "z_tcp_mm", z_tcp_mm)
-        for axis in ("x_mm", "y_mm"):
-            object.__setattr__(self, axis, _numbers(getattr(self, axis), f"{what}: {axis}"))
-        object.__setattr__(self, "exposures_ms", _exposures(self.exposures_ms, what))
-        object.__setattr__(self, "kinematic_share", _share(self.kinematic_share, what))
-
-    def positions(self) -> Iterator[tuple[str, tuple[float, float, float]]]:
-        """Yield the name of each view and the reference feature's (x, y, z) in mm there."""
-        for j, y in enumerate(self.y_mm, start=1):
-            for i, x in enumerate(self.x_mm, start=1):
-                yield f"{self.name}-x{i}-y{j}", (x, y, self.z_tcp_mm)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomPositions:
-    """Positions of the reference feature drawn evenly from a box (Sect. 4.3 of the paper).
-
-    A position from which no feature of the plan can be seen is drawn again.
-
-    Parameters
-    ----------
-    name : str
-        Views are called after it and numbered: ``random-01``, ``random-02``, …
-    count : int
-        How many.
-    x_mm, y_mm, z_tcp_mm : (float, float), mm
-        Least and greatest value in the TCP frame.
-    exposures_ms : sequence of float, ms
-        Exposure times at every position.
-    kinematic_share : float, 0 to 1
-        Probability that a view is aligned by the robot's kinematics alone, not photogrammetry.
-
-    Raises
-    ------
-    InputError
-        If a range does not go up, the count is not from 1 to 9999, or as for `DepthPlane`.
-    """
-
-    name: str
-    count: int
-    x_mm: tuple[float, float]
-    y_mm: tuple[float, float]
-    z_tcp_mm: tuple[float, float]
-    exposures_ms: tuple[float, ...]
-    kinematic_share: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_name(self.name)
-        what = f"random positions {self.name!r}"
-        if not 1 <= self.count <= 9999:
-            msg = f"{what}: count must be from 1 to 9999, got {self.count}"
-            raise InputError(msg)
-        for axis in ("x_mm", "y_mm", "z_tcp_mm"):
-            limits = _numbers(getattr(self, axis), f"{what}: {axis}")
-            if len(limits) != 2 or limits[0] >= limits[1]:
-                msg = (
-                    f"{what}: {axis} needs two numbers, the lower one first, got {_listed(limits)}"
-                )
-                raise InputError(msg)
-            object.__setattr__(self, axis, limits)
-        object.__setattr__(self, "exposures_ms", _exposures(self.exposures_ms, what))
-        object.__setattr__(self, "kinematic_share", _share(self.kinematic_share, what))
-
-    def names(self) -> tuple[str, ...]:
-        """Return the views' names."""
-        digits = max(2, len(str(self.count)))
-        return tuple(f"{self.name}-{i:0{digits}d}" for i in range(1, self.count + 1))
+    visible: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuringPlan:
-    """Everything that decides a campaign on the twin, but the part.
+    """Views × exposure times of a sensor before a part.
 
     Parameters
     ----------
     name : str
         What people call it.
-    sensor : str
-        Name of a sensor's preset (`exposight.cell.PRESETS`).
+    sensor : ActiveSensor
+        The sensor that measures.
     features : sequence of str
         The part's features that are observed; others are not looked at.
     reference : str
-        The feature about which positions are planned; need not be observed.
+        The feature about which planes and random positions are planned; need not be observed, and
+        may be left out where all views are fixed.
     side : {'inside', 'outside'}
         Before the inside the sensor's axes are parallel to the part's; before the outside it is
-        turned by 180° about y.
+        turned by 180° about y. Fixed views have their own orientation.
     planes : sequence of DepthPlane
         Grids of positions.
     random : sequence of RandomPositions
         Random positions, measured after the grids.
-    lighting : {'I', 'II', 'III'}
-        Scenario of Sect. 4.1 of the paper: closed cell, its LED on, open cell.
+    fixed : sequence of FixedView
+        Poses written out, measured last.
     blind_views : {'refuse', 'skip'}
-        Whether a position on a grid that sees no feature of the plan is an error or left out.
-    alignment : AlignmentErrors
-        How wrong the recorded poses are.
+        Whether a position on a grid, or a fixed view, that sees no feature of the plan is an error
+        or left out.
     seed : int, 0 or more
         All randomness of the campaign follows from it and the views' names.
+    simulated : mapping of str to object
+        Settings for the simulated cell, as a plan's file carries them (`exposight.twin` reads
+        them). Other cells do not look at them.
 
     Raises
     ------
@@ -172,21 +116,21 @@ class MeasuringPlan:
     """
 
     name: str
-    sensor: str
+    sensor: ActiveSensor
     features: tuple[str, ...]
-    reference: str
+    reference: str = ""
     side: Side = "inside"
     planes: tuple[DepthPlane, ...] = ()
     random: tuple[RandomPositions, ...] = ()
-    lighting: Lighting = "I"
+    fixed: tuple[FixedView, ...] = ()
     blind_views: BlindViews = "refuse"
-    alignment: AlignmentErrors = field(default_factory=AlignmentErrors)
     seed: int = 0
+    simulated: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        for name in ("features", "planes", "random"):
+        for name in ("features", "planes", "random", "fixed"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        _check_name(self.name)
+        check_name(self.name)
         fault = self._fault()
         if fault:
             msg = f"plan {self.name!r}: {fault}"
@@ -194,24 +138,22 @@ class MeasuringPlan:
 
     def _fault(self) -> str:
         for key, value, known in (
-            ("sensor", self.sensor, tuple(PRESETS)),
             ("side", self.side, get_args(Side)),
-            ("lighting", self.lighting, get_args(Lighting)),
             ("blind_views", self.blind_views, get_args(BlindViews)),
         ):
             if value not in known:
                 return f"{key} must be one of {', '.join(known)}, got {value!r}"
         if not self.features:
             return "features is empty; name at least one feature that shall be observed"
-        twice = _first_twice(self.features)
+        twice = first_twice(self.features)
         if twice is not None:
             return f"feature {twice!r} is there twice"
-        if not self.reference:
+        if not self.reference and (self.planes or self.random):
             return "reference is empty; name the feature about which positions are planned"
         names = [group.name for group in self.groups]
         if not names:
-            return "it has neither planes nor random positions; add at least one"
-        twice = _first_twice(names)
+            return "it has neither planes nor random positions nor views; add at least one"
+        twice = first_twice(names)
         if twice is not None:
             return f"two planes are called {twice!r}; give each a name of its own"
         if self.seed < 0:
@@ -219,9 +161,9 @@ class MeasuringPlan:
         return ""
 
     @property
-    def groups(self) -> tuple[DepthPlane | RandomPositions, ...]:
-        """Planes, then random positions: each with its name and exposure times."""
-        return (*self.planes, *self.random)
+    def groups(self) -> tuple[DepthPlane | RandomPositions | FixedView, ...]:
+        """Planes, random positions, fixed views: each with a name, exposure times and `n_views`."""
+        return (*self.planes, *self.random, *self.fixed)
 
     def observed_part(self, part: Part) -> Part:
         """Return a part that has only the features this plan observes.
@@ -234,16 +176,6 @@ class MeasuringPlan:
         features = tuple(self._feature(part, name) for name in self.features)
         return Part(name=part.name, features=features)
 
-    def reference_feature(self, part: Part) -> Feature:
-        """Return the feature about which positions are planned.
-
-        Raises
-        ------
-        FeatureError
-            If the part has no such feature.
-        """
-        return self._feature(part, self.reference)
-
     def _feature(self, part: Part, name: str) -> Feature:
         try:
             return part.feature(name)
@@ -251,52 +183,166 @@ class MeasuringPlan:
             msg = f"plan {self.name!r}: {error}"
             raise FeatureError(msg) from error
 
+    def views(self, part: Part) -> tuple[PlannedView, ...]:
+        """Work out the views before a part.
 
-def _check_name(name: str) -> None:
-    # Views are called after these names, and folders and table cells hold them.
-    if not name.strip() or name != name.strip() or not name.isprintable():
-        msg = f"plans and planes need printable names without blanks at their ends, got {name!r}"
-        raise InputError(msg)
+        Parameters
+        ----------
+        part : Part
+            Has the plan's features and its reference.
+
+        Returns
+        -------
+        tuple of PlannedView
+            Grids plane by plane, y by y, then random positions, then fixed views. The same for the
+            same part; a view depends on the plan's seed and its own name, not on the other views.
+
+        Raises
+        ------
+        FeatureError
+            If the part lacks a feature that the plan names.
+        SensorError
+            If the sensor cannot take an exposure time.
+        InputError
+            If a view sees none of the plan's features, or stands outside the working distance, or
+            two views have one name.
+        """
+        return _views(self, part)
+
+    def _check_exposures(self) -> None:
+        for group in self.groups:
+            for exposure_ms in group.exposures_ms:
+                try:
+                    self.sensor.check_exposure(exposure_ms)
+                except SensorError as error:
+                    msg = f"plan {self.name!r}, views {group.name!r}: {error}"
+                    raise SensorError(msg) from error
 
 
-def _numbers(values: Sequence[float], what: str) -> tuple[float, ...]:
-    numbers = tuple(map(float, values))
-    if not numbers:
-        msg = f"{what} is empty; give at least one number"
-        raise InputError(msg)
-    if not all(map(math.isfinite, numbers)):
-        msg = f"{what} must hold finite numbers, got {_listed(numbers)}"
-        raise InputError(msg)
-    twice = _first_twice(numbers)
+@lru_cache(maxsize=2)
+def _views(plan: MeasuringPlan, part: Part) -> tuple[PlannedView, ...]:
+    station = _Station(
+        plan=plan,
+        observed=plan.observed_part(part),
+        reference=plan._feature(part, plan.reference) if plan.reference else None,
+    )
+    plan._check_exposures()
+    planned = [view for plane in plan.planes for view in station.on_grid(plane)]
+    planned += [view for box in plan.random for view in station.at_random(box)]
+    planned += [view for fixed in plan.fixed for view in station.at_pose(fixed)]
+    fault = ""
+    if not planned:
+        fault = (
+            f"none of its views sees any of {', '.join(plan.features)}; check side, reference "
+            "and positions"
+        )
+    twice = first_twice([view.name for view in planned])
     if twice is not None:
-        msg = f"{what} holds {twice:g} twice; give every number once"
+        fault = f"two views are called {twice!r}; give each a name of its own"
+    if fault:
+        msg = f"plan {plan.name!r}: {fault}"
         raise InputError(msg)
-    return numbers
+    return tuple(planned)
 
 
-def _exposures(values: Sequence[float], what: str) -> tuple[float, ...]:
-    exposures = _numbers(values, f"{what}: exposures_ms")
-    if min(exposures) <= 0:
-        msg = f"{what}: exposures_ms must all be above 0 ms, got {min(exposures):g}"
-        raise InputError(msg)
-    return exposures
+@dataclass(frozen=True, kw_only=True)
+class _Station:
+    """The plan's sensor before a part."""
 
+    plan: MeasuringPlan
+    observed: Part
+    reference: Feature | None
 
-def _share(share: float, what: str) -> float:
-    if not 0.0 <= share <= 1.0:
-        msg = f"{what}: kinematic_share must be from 0 to 1, got {share}"
-        raise InputError(msg)
-    return float(share)
+    def on_grid(self, plane: DepthPlane) -> Iterator[PlannedView]:
+        for name, position in plane.positions():
+            self._check_distance(name, position)
+            yield from self._unless_blind(self._at_position(name, position, plane.exposures_ms))
 
+    def at_random(self, box: RandomPositions) -> Iterator[PlannedView]:
+        low, high = np.array([box.x_mm, box.y_mm, box.z_tcp_mm]).T
+        for name in box.names():
+            generator = np.random.default_rng([*view_seed(self.plan.seed, name), _POSITION])
+            for _ in range(_MAX_DRAWS):
+                x, y, z = generator.uniform(low, high).tolist()
+                self._check_distance(name, (x, y, z))
+                view = self._at_position(name, (x, y, z), box.exposures_ms)
+                if view.visible:
+                    yield view
+                    break
+            else:
+                msg = (
+                    f"plan {self.plan.name!r}: view {name!r} sees none of its features from "
+                    f"{_MAX_DRAWS} random positions ({self._reasons(view)}, the last time); check "
+                    "the side and the ranges"
+                )
+                raise InputError(msg)
 
-def _listed(numbers: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{number:g}" for number in numbers) + "]"
+    def at_pose(self, fixed: FixedView) -> Iterator[PlannedView]:
+        tcp_from_camera = self.plan.sensor.camera_from_tcp.inverse()
+        yield from self._unless_blind(
+            PlannedView(
+                name=fixed.name,
+                camera_from_part=fixed.camera_from_part,
+                tcp_from_part=tcp_from_camera @ fixed.camera_from_part,
+                exposures_ms=fixed.exposures_ms,
+                visible=self._visible(fixed.camera_from_part),
+            )
+        )
 
+    def _unless_blind(self, view: PlannedView) -> Iterator[PlannedView]:
+        if view.visible:
+            yield view
+        elif self.plan.blind_views == "refuse":
+            msg = (
+                f"plan {self.plan.name!r}: view {view.name!r} sees none of its features "
+                f"({self._reasons(view)}); move the view, name other features, or say "
+                "blind_views = 'skip' to leave such views out"
+            )
+            raise InputError(msg)
+        else:
+            logger.info("view %s sees no feature of plan %s: skipped", view.name, self.plan.name)
 
-def _first_twice(values: Sequence[_Value]) -> _Value | None:
-    seen: set[_Value] = set()
-    for value in values:
-        if value in seen:
-            return value
-        seen.add(value)
-    return None
+    def _at_position(
+        self,
+        name: str,
+        position_mm: tuple[float, float, float],
+        exposures_ms: tuple[float, ...],
+    ) -> PlannedView:
+        tcp_from_part = self._tcp_from_part(position_mm)
+        camera_from_part = self.plan.sensor.camera_from_tcp @ tcp_from_part
+        return PlannedView(
+            name=name,
+            camera_from_part=camera_from_part,
+            tcp_from_part=tcp_from_part,
+            exposures_ms=exposures_ms,
+            visible=self._visible(camera_from_part),
+        )
+
+    def _tcp_from_part(self, position_mm: tuple[float, float, float]) -> RigidTransform:
+        """Bring the reference feature to a position in the TCP frame."""
+        assert self.reference is not None  # the plan has one where it has positions
+        rotation = _ORIENTATION[self.plan.side]
+        reference_mm = self.reference.part_from_feature.translation_mm
+        return RigidTransform(
+            rotation=rotation, translation_mm=np.array(position_mm) - rotation @ reference_mm
+        )
+
+    def _visible(self, camera_from_part: RigidTransform) -> tuple[str, ...]:
+        views = view_features(self.observed, self.plan.sensor, camera_from_part)
+        return tuple(v.feature.name for v in views if v.visibility is Visibility.VISIBLE)
+
+    def _check_distance(self, name: str, position_mm: tuple[float, float, float]) -> None:
+        sensor = self.plan.sensor
+        distance = float(sensor.camera_from_tcp.apply(position_mm)[2])
+        near, far = sensor.working_distance_mm
+        if not near <= distance <= far:
+            msg = (
+                f"plan {self.plan.name!r}: in view {name!r} feature {self.plan.reference!r} lies "
+                f"{distance:.0f} mm before the camera (z_tcp {position_mm[2]:g} mm), but sensor "
+                f"{sensor.name!r} measures from {near:g} to {far:g} mm; change z_tcp_mm"
+            )
+            raise InputError(msg)
+
+    def _reasons(self, view: PlannedView) -> str:
+        views = view_features(self.observed, self.plan.sensor, view.camera_from_part)
+        return ", ".join(f"{each.feature.name} {each.visibility.value}" for each in views)

@@ -13,13 +13,18 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
-from exposight.cell import sensor_preset
-from exposight.errors import InputError
-from exposight.plans.plan import DepthPlane, MeasuringPlan, RandomPositions
-from exposight.plans.spacing import even_positions, logarithmic_exposures
-from exposight.twin.light import Lighting
+from exposight.cell import ActiveSensor, sensor_preset
+from exposight.errors import InputError, did_you_mean
+from exposight.plans.plan import MeasuringPlan
+from exposight.plans.positions import (
+    DepthPlane,
+    RandomPositions,
+    even_positions,
+    logarithmic_exposures,
+)
 
 _SEED = 1
+_COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
 
 _TRAINING = ("f1", "f2", "f3", "f4")
 _MORE_TRAINING = ("f5", "f6", "f7", "f8", "f9")
@@ -34,9 +39,10 @@ _NEAR = DepthPlane(
     x_mm=even_positions(-135, 135, 4),
     y_mm=even_positions(-100, 100, 4),
     exposures_ms=(5, 7, 10, 14, 19, 26, 37, 51, 72, 100),
-    # "Some" of the front plane's measurements (Sect. 3.2.2); one in four is assumed.
-    kinematic_share=0.25,
 )
+# "Some" of the front plane's measurements were aligned by the robot's kinematics alone (Sect.
+# 3.2.2); one in four is assumed.
+_SIMULATED_NEAR = {"kinematic_share": {_NEAR.name: 0.25}}
 _MIDDLE = DepthPlane(
     name="middle",
     z_tcp_mm=-5.0,
@@ -63,7 +69,7 @@ _FINER = DepthPlane(  # eX⁺⁺: exposures as in Table 9, x and y finer (Sect. 
 _FEW_EXPOSURES = (15.0, 40.0, 65.0, 90.0, 115.0)
 """Lighting and outside rows of Table 9."""
 
-_STEREO_EXPOSURES = logarithmic_exposures(0.07, 18.0, 16, sensor_preset("rc-visard-65"))
+_STEREO_EXPOSURES = logarithmic_exposures(0.07, 18.0, 16, _VISARD)
 """Table 9 gives 0.07 to 18 ms; a logarithmic scale as for the other sensor, and 16, are assumed."""
 
 
@@ -72,17 +78,18 @@ def _inside(
 ) -> MeasuringPlan:
     return MeasuringPlan(
         name=name,
-        sensor="comet-pro-ae",
+        sensor=_COMET,
         features=features,
         reference="f1",
         planes=planes,
+        simulated=_SIMULATED_NEAR if _NEAR.name in [plane.name for plane in planes] else {},
         # Test features are measured in the same views (Table 9); some views see none of them.
         blind_views="skip" if features == _TEST else "refuse",
         seed=_SEED,
     )
 
 
-def _lighting(name: str, lighting: Lighting) -> MeasuringPlan:
+def _lighting(name: str, lighting: str) -> MeasuringPlan:
     """One position, five exposures (Sect. 4.1); f4_test was not observed."""
     position = DepthPlane(
         name="single",
@@ -92,7 +99,7 @@ def _lighting(name: str, lighting: Lighting) -> MeasuringPlan:
         exposures_ms=_FEW_EXPOSURES,
     )
     plan = _inside(name, (position,), _TEST[:3])
-    return replace(plan, reference="f1_test", lighting=lighting)
+    return replace(plan, reference="f1_test", simulated={"lighting": lighting})
 
 
 def _stereo(name: str, features: tuple[str, ...]) -> MeasuringPlan:
@@ -116,10 +123,10 @@ def _stereo(name: str, features: tuple[str, ...]) -> MeasuringPlan:
             start=1,
         )
     )
-    return replace(_inside(name, planes, features), sensor="rc-visard-65")
+    return replace(_inside(name, planes, features), sensor=_VISARD)
 
 
-def _outside(name: str, sensor: str, positions: RandomPositions) -> MeasuringPlan:
+def _outside(name: str, sensor: ActiveSensor, positions: RandomPositions) -> MeasuringPlan:
     """Random positions before the outside (Sect. 4.3).
 
     Table 9's ranges of all features are taken as the reference feature's, and as many positions as
@@ -138,25 +145,24 @@ def _outside(name: str, sensor: str, positions: RandomPositions) -> MeasuringPla
 
 def _small() -> MeasuringPlan:
     """Eight views of eight exposures; each sees training and test features."""
-    sensor = sensor_preset("comet-pro-ae")
     planes = (
         replace(
             _NEAR,
             x_mm=(30.0, 90.0),
             y_mm=(0.0,),
-            exposures_ms=logarithmic_exposures(5, 100, 8, sensor),
+            exposures_ms=logarithmic_exposures(5, 100, 8, _COMET),
         ),
         replace(
             _MIDDLE,
             x_mm=(-100.0, 150.0),
             y_mm=(-80.0, 80.0),
-            exposures_ms=logarithmic_exposures(5, 150, 8, sensor),
+            exposures_ms=logarithmic_exposures(5, 150, 8, _COMET),
         ),
         replace(
             _FAR,
             x_mm=(-100.0, 200.0),
             y_mm=(0.0,),
-            exposures_ms=logarithmic_exposures(20, 350, 8, sensor),
+            exposures_ms=logarithmic_exposures(20, 350, 8, _COMET),
         ),
     )
     features = _TRAINING + _MORE_TRAINING + _TEST
@@ -193,7 +199,7 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         _stereo("stereo-ex-test", _TEST),
         _outside(
             "x-out",
-            "comet-pro-ae",
+            _COMET,
             RandomPositions(
                 name="random",
                 count=14,
@@ -205,7 +211,7 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         ),
         _outside(
             "stereo-x-out",
-            "rc-visard-65",
+            _VISARD,
             RandomPositions(
                 name="random",
                 count=6,
@@ -238,6 +244,9 @@ def plan_preset(name: str) -> MeasuringPlan:
     """
     plan = PLANS.get(name)
     if plan is None:
-        msg = f"no measuring plan is called {name!r}; there are {', '.join(PLANS)}"
+        msg = (
+            f"no measuring plan is called {name!r}; there are {', '.join(PLANS)}"
+            f"{did_you_mean(name, PLANS)}"
+        )
         raise InputError(msg)
     return plan

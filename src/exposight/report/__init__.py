@@ -3,7 +3,6 @@
 A page for any campaign and models (`campaign_report`), the demonstration, and the paper's study.
 """
 
-import exposight.twin  # before plans: they import each other for now
 from exposight.report.campaign_page import CampaignReport, campaign_report, write_campaign_report
 from exposight.report.campaign_summary import ModelResult
 from exposight.report.demonstration import (

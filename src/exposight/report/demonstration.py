@@ -16,15 +16,16 @@ import numpy as np
 from exposight.cell import write_features
 from exposight.errors import InputError
 from exposight.files.durable import make_folder
+from exposight.measuring import measure
 from exposight.models import MODEL_SUFFIX, ModelSpecification, model_named, save_model, train_all
 from exposight.observing import Visibility, observe_campaign, view_features
 from exposight.planning import SensorModels
-from exposight.plans import PLANS, DepthPlane, MeasuringPlan, views
+from exposight.plans import PLANS, DepthPlane, MeasuringPlan
 from exposight.report.campaign_page import CampaignReport, sensor_facts
 from exposight.report.campaign_summary import evaluate_models, summarise
 from exposight.report.part_plot import PartMesh
 from exposight.report.shown_view import show_view, with_forecast
-from exposight.twin.campaign import CellSettings, scene_at, simulate
+from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers
 
@@ -152,8 +153,14 @@ def run_demonstration(
     part = settings.plan.observed_part(scene_at(None).part)
     progress("building the door", 1, 1)
     plan = replace(settings.plan, seed=settings.seed)
-    rings = CellSettings(rings_only=True, workers=settings.workers)
-    campaign = _simulate(plan, folder / "campaign", rings, "measuring the door", progress)
+    campaign = _simulate(
+        plan,
+        folder / "campaign",
+        "measuring the door",
+        progress,
+        workers=settings.workers,
+        rings_only=True,
+    )
     write_features(folder / "features.csv", part.features)
     table = observe_campaign(campaign, progress=progress)
     table.write(folder / "observations.csv")
@@ -187,10 +194,22 @@ def door_mesh() -> PartMesh:
 
 
 def _simulate(
-    plan: MeasuringPlan, folder: Path, settings: CellSettings, stage: str, progress: Progress
+    plan: MeasuringPlan,
+    folder: Path,
+    stage: str,
+    progress: Progress,
+    *,
+    workers: int = 1,
+    rings_only: bool = False,
 ) -> CampaignFolder:
     try:
-        return simulate(plan, folder, settings, lambda done, total: progress(stage, done, total))
+        return measure(
+            plan,
+            SimulatedCell.for_plan(plan, rings_only=rings_only),
+            folder,
+            workers=workers,
+            progress=lambda _, done, total: progress(stage, done, total),
+        )
     except InputError as error:
         msg = f"{error} (it may hold another demonstration, or one of another seed)"
         raise InputError(msg) from error
@@ -209,11 +228,10 @@ def _new_view(
     forecasting = SensorModels(quality=named[QUALITY_MODEL], exposure=named[EXPOSURE_MODEL])
     progress("forecasting a new view", 0, 1)
     plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
-    (planned,) = views(plan, part, sensor)
+    (planned,) = plan.views(part)
+    pose = SimulatedCell.for_plan(plan).reported_pose(planned.camera_from_part, planned.name)
     visible = tuple(
-        view
-        for view in view_features(part, sensor, planned.reported_camera_from_part)
-        if view.visibility is Visibility.VISIBLE
+        view for view in view_features(part, sensor, pose) if view.visibility is Visibility.VISIBLE
     )
     choice = forecasting.forecast(visible)
     chosen_ms = choice.best_exposure_ms()
@@ -221,7 +239,7 @@ def _new_view(
     forecast = forecasting.forecast(visible, exposures_ms)
     progress("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
-    taken = _simulate(plan, folder, CellSettings(), "taking the new view", progress)
+    taken = _simulate(plan, folder, "taking the new view", progress)
     view = show_view(observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken)
     return with_forecast(view, forecasting, (choice, forecast))
 

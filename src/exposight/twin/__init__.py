@@ -1,18 +1,8 @@
-"""A measuring cell made of physics: a part, light, sensors that saturate."""
+"""A measuring cell made of physics: a part, light, sensors that saturate; a driver like others."""
 
-from exposight.plans import (
-    PLANS,
-    AlignmentErrors,
-    DepthPlane,
-    MeasuringPlan,
-    PlannedView,
-    RandomPositions,
-    plan_preset,
-    read_plan,
-    views,
-    write_plan,
-)
-from exposight.twin.campaign import CellSettings, scene_at, simulate, simulate_observations
+from exposight.twin.alignment import Alignment, AlignmentErrors, draw_alignment
+from exposight.twin.cell_settings import SimulatedCellSettings
 from exposight.twin.light import LightModel, SceneTracer
 from exposight.twin.part import FINISHES, Scene, export_scene, read_scene
 from exposight.twin.sensors import CameraElectronics, DotSensor, StripeSensor
+from exposight.twin.simulated_cell import SimulatedCell, scene_at, scene_checksum

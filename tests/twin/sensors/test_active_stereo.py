@@ -9,9 +9,9 @@ from scipy.ndimage import binary_erosion, map_coordinates
 from exposight.cell import sensor_preset
 from exposight.errors import InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.twin.light import ProjectorLens, SceneTracer, trace_view
+from exposight.twin.light import ProjectorLens, SceneTracer, spread_by_lens, trace_view
 from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotPattern, DotSensor
-from exposight.twin.sensors.dots import BLURS_PX, dot_radiance, render_dots
+from exposight.twin.sensors.slides import BLURS_PX, render_dots, slide_radiance
 
 DEPTH_MEDIAN_MM = 0.3
 """0.1 px of disparity at 0.5 m; a third of the 0.9 mm that Roboception gives there."""
@@ -163,7 +163,8 @@ def test_each_pixel_gets_the_light_that_its_place_on_the_slide_lets_through(sens
     low, high = (np.take_along_axis(shares, level[None] + i, axis=0)[0] for i in (0, 1))
     expected = tile.direct[0] * ((1 - t) * low + t * high)
     expected = expected + tile.indirect * (slide[0].mean() / 65535.0) + tile.ambient
-    assert dot_radiance(view, slide) == pytest.approx(expected[tile.inside], rel=1e-4)
+    radiance = spread_by_lens(slide_radiance(tile, slide)[None], tile, view.model.camera.spread_px)
+    assert radiance[0] == pytest.approx(expected[tile.inside], rel=1e-4)
 
 
 def test_dots_leave_no_neighbourhood_empty_and_cover_a_quarter():
@@ -206,7 +207,7 @@ def test_one_camera_is_not_enough():
 
 
 def test_dots_need_a_projector(sensor):
-    with pytest.raises(SensorError, match="has no projector; dots need one"):
+    with pytest.raises(SensorError, match="has no projector"):
         DotSensor(sensor=replace(sensor, projector=None))
 
 

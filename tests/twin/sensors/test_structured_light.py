@@ -8,16 +8,9 @@ import pytest
 
 from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox
-from exposight.imaging import (
-    Fringe,
-    PatternSequence,
-    PhaseShift,
-    decode,
-    sequence_named_or_read,
-    triangulate,
-)
+from exposight.imaging import Fringe, PatternSequence, PhaseShift, decode, triangulate
 from exposight.observing import observe_capture, point_search, view_features
-from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
+from exposight.twin.light import CameraLens, LightModel, SceneTracer
 from exposight.twin.sensors import StripeSensor, ring_boxes
 
 HOLES = ((-25.0, -12.0, 4.0), (15.0, 10.0, 7.0))
@@ -178,11 +171,6 @@ def test_indirect_light_lowers_the_contrast(stripes, plate, before) -> None:
     assert contrasts[1] < contrasts[0] - 0.01
 
 
-def test_a_view_is_traced_and_then_striped(stripes, light, sheet, before) -> None:
-    view = trace_view(sheet, stripes.sensor, before(), model=stripes.light)
-    assert np.array_equal(stripes.stripe_light(view).tiles[0].sine, light.tiles[0].sine)
-
-
 def test_an_exposure_the_sensor_cannot_take_is_refused(stripes, light) -> None:
     with pytest.raises(SensorError, match="from 1 to 1000 ms, got 2000 ms"):
         stripes.capture(light, 2000.0, view="v", seed=SEED)
@@ -197,15 +185,6 @@ def test_stripes_of_another_size_are_refused(small_sensor) -> None:
 def test_a_sensor_without_projector_is_refused(small_sensor) -> None:
     with pytest.raises(SensorError, match="has no projector"):
         StripeSensor(sensor=replace(small_sensor, projector=None))
-
-
-def test_sequences_with_other_frames_are_refused(small_sensor) -> None:
-    lamp = small_sensor.projector
-    gray = sequence_named_or_read("skull_gray")
-    camera = replace(lamp.camera, width=gray.projector_width, height=gray.projector_height)
-    sensor = replace(small_sensor, projector=replace(lamp, camera=camera))
-    with pytest.raises(ImageError, match="phase-shifted fringes"):
-        StripeSensor(sensor=sensor, sequence=gray)
 
 
 def test_three_step_sequences_work_as_well(small_sensor, sheet, before) -> None:

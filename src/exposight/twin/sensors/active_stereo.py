@@ -1,4 +1,4 @@
-"""The active stereo sensor: random dots seen by two cameras, matched like recorded images.
+"""An active stereo sensor: random dots seen by two cameras, matched like recorded images.
 
 The images go through `exposight.imaging`'s rectification and semi-global matching; a pixel has no
 point where either image is clipped or shows too little texture.
@@ -16,17 +16,18 @@ from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
 from exposight.imaging.rectification import RectifiedPair, rectify
 from exposight.imaging.stereo import StereoLimits, match_pair
-from exposight.twin.light import LightModel, ProjectorLens, trace_view
+from exposight.twin.light import LightModel, ProjectorLens, spread_by_lens, trace_view
 from exposight.twin.random_numbers import stream_key
-from exposight.twin.sensors.dots import DotPattern, dot_radiance, render_dots
 from exposight.twin.sensors.exposure import CameraElectronics, expose
+from exposight.twin.sensors.patterns import projector_of
+from exposight.twin.sensors.raw_frames import frame_files
+from exposight.twin.sensors.slides import DotPattern, render_dots, slide_radiance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from exposight.cell import Projector
     from exposight.geometry import RigidTransform
     from exposight.twin.light import SceneTracer
 
@@ -113,14 +114,8 @@ class DotSensor:
                 f"{len(self.sensor.cameras)}"
             )
             raise SensorError(msg)
-        self._check_projector()
+        projector_of(self.sensor)
         self.pair  # noqa: B018  raises where the cameras are no stereo pair
-
-    def _check_projector(self) -> Projector:
-        if self.sensor.projector is None:
-            msg = f"sensor {self.sensor.name!r} has no projector; dots need one"
-            raise SensorError(msg)
-        return self.sensor.projector
 
     @cached_property
     def pair(self) -> RectifiedPair:
@@ -130,7 +125,7 @@ class DotSensor:
 
     @cached_property
     def _slide(self) -> NDArray[np.uint16]:
-        projector = self._check_projector()
+        projector = projector_of(self.sensor)
         contrast = self.light.projector.contrast
         return render_dots(self.dots, projector.width, projector.height, contrast)
 
@@ -155,7 +150,9 @@ class DotSensor:
             view = trace_view(
                 tracer, self.sensor, camera_from_part, model=self.light, camera_index=i
             )
-            radiance.append(dot_radiance(view, self._slide))
+            (tile,) = view.tiles  # a whole frame
+            plane = slide_radiance(tile, self._slide)[None]
+            radiance.append(np.asarray(spread_by_lens(plane, tile, view.model.camera.spread_px)[0]))
             if i == 0:
                 depth = view.true_depth_mm()
         return DotLight(
@@ -198,7 +195,13 @@ class DotSensor:
         return grey[0], grey[1]
 
     def capture(
-        self, light: DotLight, exposure_ms: float, *, view: str, seed: Sequence[int]
+        self,
+        light: DotLight,
+        exposure_ms: float,
+        *,
+        view: str,
+        seed: Sequence[int],
+        raw_frames: bool = False,
     ) -> Capture:
         """Take both images at one exposure time and match them.
 
@@ -212,6 +215,8 @@ class DotSensor:
             The view's name.
         seed : sequence of int
             As for `images`.
+        raw_frames : bool
+            Attach both images.
 
         Returns
         -------
@@ -224,29 +229,6 @@ class DotSensor:
             If the sensor cannot take this exposure time.
         """
         images = self.images(light, exposure_ms, seed)
-        return self.matched(light, images, exposure_ms, view=view)
-
-    def matched(
-        self,
-        light: DotLight,
-        images: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        exposure_ms: float,
-        *,
-        view: str,
-    ) -> Capture:
-        """Match both images of one exposure: `capture` of given images.
-
-        Parameters
-        ----------
-        light : DotLight
-            The view's light.
-        images : (ndarray, ndarray), each (rows, columns) of uint8
-            As `images` took them.
-        exposure_ms : float, ms
-            At which they were taken.
-        view : str
-            The view's name.
-        """
         cloud = match_pair(
             *images, self.pair, depth_limits_mm=self.depth_limits_mm, limits=self.limits
         )
@@ -256,4 +238,5 @@ class DotSensor:
             image=images[0],
             cloud=cloud,
             camera_from_part=light.camera_from_part,
+            attachments=frame_files(images if raw_frames else ()),
         )

@@ -5,8 +5,9 @@ Under a stripe pattern of f periods over the projector's W columns a pixel's rad
     L_n = ½A + ½Re(B·e^(−iδ_n)) + ½G + ambient,    B = c₀·Σ D_s·M_s·exp(i·2π·f·u_s/W),
     M_s = exp(−2·(π·σ_s·f/W)²),
 
-A = Σ D_s over the pixel's samples, G the bounce, σ_s the pattern's blur. The camera's lens spreads
-all of it, once for all exposures.
+A = Σ D_s over the pixel's samples, G the bounce, σ_s the pattern's blur; along the rows likewise.
+Other patterns, as the bits of a Gray code, are slides. The camera's lens spreads all of it, once
+for all exposures.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from exposight.compiled import njit
 from exposight.twin.light import spread_by_lens
 from exposight.twin.random_numbers import NORMAL_TABLE, mix_bits
 from exposight.twin.sensors.exposure import FRAMES_PER_DRAW, grey_value, normals_of, pixel_gain
+from exposight.twin.sensors.slides import slide_radiance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,8 +43,9 @@ class StripeTile:
         The pixels.
     even : (rows, columns) ndarray of float32, 1/mm²
         ½A + ½G + ambient: the mean over the steps of a fringe.
-    cosine, sine : (fringes, rows, columns) ndarray of float32, 1/mm²
-        Real and imaginary part of ½B of every fringe.
+    cosine, sine : (n, rows, columns) ndarray of float32, 1/mm²
+        Real and imaginary part of ½B of every fringe. After those of the fringes, ``cosine`` has
+        what every other pattern's light differs by from `even`.
     """
 
     box: PixelBox
@@ -76,63 +79,99 @@ class StripeLight:
     true_depth_mm: tuple[NDArray[np.float32], ...]
 
 
-def stripe_light(view: ViewLight, stripes_per_px: NDArray[np.float64]) -> StripeLight:
-    """Return what a traced view's light becomes under stripes and behind the lens.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patterns:
+    """Everything that a projector shows, one frame after another.
+
+    A frame's light is the mean light of stripes plus two planes (`StripeTile.cosine` and ``sine``),
+    each with a weight: a shifted fringe's phasor, or what a slide differs by.
+
+    Parameters
+    ----------
+    column_waves, row_waves : (n,) ndarray, 1/px
+        f/W of the fringes along the projector's columns, f/H along its rows.
+    slides : tuple of (blurs, height, width) ndarray of uint16
+        Other patterns (`blurred_slide`).
+    planes : (frames, 2) ndarray of int64
+        Each frame's two planes. Those of column fringes come first, then those of row fringes, then
+        slides, which have no second plane.
+    weights : (frames, 2) ndarray of float32
+        Their weights: cos δ and sin δ of a fringe; 1 and 0 of a slide.
+    """
+
+    column_waves: NDArray[np.float64]
+    row_waves: NDArray[np.float64]
+    slides: tuple[NDArray[np.uint16], ...]
+    planes: NDArray[np.int64]
+    weights: NDArray[np.float32]
+
+
+def stripe_light(view: ViewLight, patterns: Patterns) -> StripeLight:
+    """Return what a traced view's light becomes under patterns and behind the lens.
 
     Parameters
     ----------
     view : ViewLight
         The traced view.
-    stripes_per_px : (fringes,) ndarray, 1/px
-        f/W of every fringe.
+    patterns : Patterns
+        What is projected.
     """
     return StripeLight(
         camera=view.camera,
         camera_from_part=view.camera_from_part,
         is_whole=view.is_whole,
-        tiles=tuple(_stripe_tile(tile, stripes_per_px, view) for tile in view.tiles),
+        tiles=tuple(_stripe_tile(tile, patterns, view) for tile in view.tiles),
         true_depth_mm=tuple(np.ascontiguousarray(t.depth_mm[t.inside]) for t in view.tiles),
     )
 
 
-def _stripe_tile(tile: TileLight, waves: NDArray[np.float64], view: ViewLight) -> StripeTile:
-    planes = np.empty((1 + 2 * waves.size, *tile.ambient.shape), dtype=np.float32)
-    _phasors(
-        (tile.direct, tile.column, tile.blur_px),
-        (tile.indirect, tile.ambient),
-        waves,
-        view.model.projector.contrast,
-        planes,
-    )
+def _stripe_tile(tile: TileLight, patterns: Patterns, view: ViewLight) -> StripeTile:
+    n_columns, n_rows = patterns.column_waves.size, patterns.row_waves.size
+    n_fringes, n_slides = n_columns + n_rows, len(patterns.slides)
+    planes = np.empty((1 + 2 * n_fringes + n_slides, *tile.ambient.shape), dtype=np.float32)
+    cosine, sine = planes[1 : 1 + n_fringes], planes[1 + n_fringes : 1 + 2 * n_fringes]
+    axes = [(patterns.column_waves, tile.column, 0)]  # of no wave too: it gives the mean
+    axes += [(patterns.row_waves, tile.row, n_columns)] if n_rows else []
+    for waves, place, first in axes:
+        _phasors(
+            (tile.direct, place, tile.blur_px),
+            (tile.indirect, tile.ambient),
+            waves,
+            view.model.projector.contrast,
+            planes[0],
+            cosine[first : first + waves.size],
+            sine[first : first + waves.size],
+        )
+    for plane, slide in zip(planes[1 + 2 * n_fringes :], patterns.slides, strict=True):
+        plane[:] = slide_radiance(tile, slide) - planes[0]
     spread = spread_by_lens(planes, tile, view.model.camera.spread_px)
-    return StripeTile(
-        box=tile.box,
-        even=spread[0],
-        cosine=spread[1 : 1 + waves.size],
-        sine=spread[1 + waves.size :],
-    )
+    slides = spread[1 + 2 * n_fringes :]
+    cosine = spread[1 : 1 + n_fringes]
+    if n_slides:
+        cosine = np.concatenate([cosine, slides])
+    sine = spread[1 + n_fringes : 1 + 2 * n_fringes] if n_fringes else cosine
+    return StripeTile(box=tile.box, even=spread[0], cosine=cosine, sine=sine)
 
 
 def expose_stripes(
     light: StripeLight,
-    fringe: NDArray[np.int64],
-    shifts_deg: NDArray[np.float64],
+    patterns: Patterns,
     electronics: CameraElectronics,
     exposure_ms: float,
     noise_key: np.uint64,
 ) -> list[NDArray[np.uint8]]:
-    """Take stripe images at one exposure time.
+    """Take all frames at one exposure time.
 
     Parameters
     ----------
     light : StripeLight
-        The view's light.
-    fringe, shifts_deg : (n,) ndarray
-        Number of each frame's fringe, and its shift δ in degrees.
+        The view's light under the patterns.
+    patterns : Patterns
+        What is projected.
     electronics : CameraElectronics
         The camera.
     exposure_ms : float, ms
-        Of each frame.
+        Exposure time of every frame.
     noise_key : uint64
         From `stream_key`; another one for every exposure.
 
@@ -146,15 +185,13 @@ def expose_stripes(
     InputError
         If the exposure time is not positive.
     """
-    shift = np.radians(shifts_deg)
-    shifts = np.stack([np.cos(shift), np.sin(shift)], axis=-1).astype(np.float32)
     stacks = []
     for tile in light.tiles:
-        grey = np.empty((len(fringe), *tile.even.shape), dtype=np.uint8)
+        grey = np.empty((len(patterns.planes), *tile.even.shape), dtype=np.uint8)
         _expose_stripes(
             (tile.even, tile.cosine, tile.sine),
-            fringe,
-            shifts,
+            patterns.planes,
+            patterns.weights,
             electronics.numbers(exposure_ms),
             (noise_key, electronics.pattern_key),
             NORMAL_TABLE,
@@ -171,14 +208,16 @@ def _phasors(
     other: tuple[NDArray[np.float32], NDArray[np.float32]],
     waves: NDArray[np.float64],
     contrast: float,
-    planes: NDArray[np.float32],
+    mean: NDArray[np.float32],
+    cosine: NDArray[np.float32],
+    sine: NDArray[np.float32],
 ) -> None:
-    """Fill ½A + ½G + ambient, then the real and the imaginary parts of ½B."""
-    direct, column, blur = samples
+    """Fill ½A + ½G + ambient, and the real and the imaginary parts of ½B of every wave."""
+    direct, place, blur = samples
     indirect, ambient = other
     n, n_waves = direct.shape[0], waves.size
-    for r in numba.prange(planes.shape[1]):
-        for c in range(planes.shape[2]):
+    for r in numba.prange(mean.shape[0]):
+        for c in range(mean.shape[1]):
             even = 0.0
             for k in range(n_waves):
                 real, imaginary = 0.0, 0.0
@@ -187,21 +226,21 @@ def _phasors(
                     if d > 0.0:
                         blurred = math.pi * blur[s, r, c] * waves[k]
                         size = d * contrast * math.exp(-2.0 * blurred * blurred)
-                        phase = 2.0 * math.pi * waves[k] * column[s, r, c]
+                        phase = 2.0 * math.pi * waves[k] * place[s, r, c]
                         real += size * math.cos(phase)
                         imaginary += size * math.sin(phase)
-                planes[1 + k, r, c] = 0.5 * real / n
-                planes[1 + n_waves + k, r, c] = 0.5 * imaginary / n
+                cosine[k, r, c] = 0.5 * real / n
+                sine[k, r, c] = 0.5 * imaginary / n
             for s in range(n):
                 even += direct[s, r, c]
-            planes[0, r, c] = 0.5 * (even / n + indirect[r, c]) + ambient[r, c]
+            mean[r, c] = 0.5 * (even / n + indirect[r, c]) + ambient[r, c]
 
 
 @njit(parallel=True, error_model="numpy")
 def _expose_stripes(
     light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
-    fringe: NDArray[np.int64],
-    shift: NDArray[np.float32],
+    planes: NDArray[np.int64],
+    weights: NDArray[np.float32],
     camera: NDArray[np.float32],
     keys: tuple[np.uint64, np.uint64],
     table: NDArray[np.float32],
@@ -223,8 +262,11 @@ def _expose_stripes(
                 bits = mix_bits(noise_key, draw)
                 for i in range(min(FRAMES_PER_DRAW, n_frames - first)):
                     f = first + i
-                    k = fringe[f]
-                    stripe = cosine[k, r, c] * shift[f, 0] + sine[k, r, c] * shift[f, 1]
+                    first_plane, second_plane = planes[f, 0], planes[f, 1]
+                    stripe = (
+                        cosine[first_plane, r, c] * weights[f, 0]
+                        + sine[second_plane, r, c] * weights[f, 1]
+                    )
                     electrons = sensitivity * (even[r, c] + stripe) + camera[1]
                     grey[f, r, c] = grey_value(
                         electrons, normals_of(bits, table, i), camera[2], camera[3]

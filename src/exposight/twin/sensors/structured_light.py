@@ -1,4 +1,4 @@
-"""The structured-light sensor: stripe images, decoded and triangulated like recorded ones.
+"""A structured-light sensor: frames that are decoded and triangulated like recorded ones.
 
 Frames go through `exposight.imaging`, the code that decodes recordings; a pixel has no point where
 a sample clipped, where the stripes modulate it by less than 18 grey levels, or where coarse and
@@ -8,51 +8,44 @@ fine phases disagree.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Capture, Cloud
-from exposight.errors import ImageError, SensorError
+from exposight.errors import SensorError
 from exposight.geometry import PixelBox
 from exposight.imaging import (
     DecodingLimits,
     FrameStack,
-    Fringe,
     PatternSequence,
-    PhaseShift,
     decode,
     triangulate,
 )
 from exposight.observing import Visibility, view_features
-from exposight.twin.light import LightModel, ViewLight, trace_view
+from exposight.twin.light import LightModel, trace_view
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics
-from exposight.twin.sensors.stripes import StripeLight, expose_stripes, stripe_light
+from exposight.twin.sensors.patterns import (
+    STRIPES,
+    gray_code_of,
+    image_frame,
+    projected,
+    projector_of,
+)
+from exposight.twin.sensors.raw_frames import frame_files
+from exposight.twin.sensors.stripes import Patterns, StripeLight, expose_stripes, stripe_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from exposight.cell import Part, Projector, RingTolerance
+    from exposight.cell import Part, RingTolerance
     from exposight.geometry import RigidTransform
     from exposight.twin.light import SceneTracer
 
-
-STRIPES = PatternSequence(
-    name="1, 8 and 64 stripes, four steps each",
-    projector_width=1920,
-    projector_height=1200,
-    columns=PhaseShift(
-        fringes=(
-            Fringe(periods=1, frames=(0, 1, 2, 3)),
-            Fringe(periods=8, frames=(4, 5, 6, 7)),
-            Fringe(periods=64, frames=(8, 9, 10, 11)),
-        )
-    ),
-)
-"""Stripes of the twin's first prototype, over the 1920 columns of the paper's sensor's preset."""
 
 LIMITS = DecodingLimits(min_modulation=18.0, max_residual=0.2)
 """At 18 grey levels p_norm rises up to a brightness of 25, as in the paper's Fig. 10; at 8 it would
@@ -73,19 +66,17 @@ class StripeSensor:
         Lenses, lighting, surfaces.
     electronics : CameraElectronics
         Of the first camera.
-    sequence : PatternSequence
-        Phase-shifted fringes of the projector's columns, and nothing else. The capture's image is
-        the first frame of the finest fringe: many stripes cross every ring, as in the pattern that
-        the paper's sensor shows while one sets the exposure (Sect. 3.2.1).
+    sequence : PatternSequence, optional
+        What is projected; `STRIPES` over the projector's columns by default.
     limits : DecodingLimits
         When a pixel counts as decoded.
 
     Raises
     ------
     SensorError
-        If there is no projector, or it is not of the sequence's size.
+        If there is no projector, or it is not of the sequence's size, or there are more cameras.
     ImageError
-        If the sequence has anything else than fringes of the columns.
+        If the sequence is not of 8 bits.
     """
 
     sensor: ActiveSensor
@@ -95,7 +86,7 @@ class StripeSensor:
     limits: DecodingLimits = LIMITS
 
     def __post_init__(self) -> None:
-        projector, sequence = self._projector, self.sequence
+        projector, sequence = projector_of(self.sensor), self.sequence
         expected = (sequence.projector_width, sequence.projector_height)
         if (projector.width, projector.height) != expected:
             msg = (
@@ -104,29 +95,17 @@ class StripeSensor:
                 "the projector's size"
             )
             raise SensorError(msg)
-        used = {frame for fringe in self._fringes for frame in fringe.frames}
-        only_columns = sequence.rows is None and sequence.white_frame is None
-        if not only_columns or len(used) != sequence.n_frames:
-            msg = (
-                f"the twin's stripes are fringes of the projector's columns only, got sequence "
-                f"{sequence.name!r} with other frames"
-            )
-            raise ImageError(msg)
+        self.patterns  # noqa: B018  raises where they cannot be shown
+
+    @cached_property
+    def patterns(self) -> Patterns:
+        """What the projector shows."""
+        return projected(self.sequence, self.light.projector.contrast)
 
     @property
-    def _projector(self) -> Projector:
-        if self.sensor.projector is None:
-            msg = f"sensor {self.sensor.name!r} has no projector; stripes need one"
-            raise SensorError(msg)
-        return self.sensor.projector
-
-    @property
-    def _fringes(self) -> tuple[Fringe, ...]:
-        columns = self.sequence.columns
-        if not isinstance(columns, PhaseShift) or columns.gray_code is not None:
-            msg = f"the twin's stripes are phase-shifted fringes, got {self.sequence.name!r}"
-            raise ImageError(msg)
-        return columns.fringes
+    def needs_whole_frames(self) -> bool:
+        """True where decoding a pixel takes more than its neighbourhood: runs of a Gray code."""
+        return any(gray_code_of(coding) is not None for _, coding, _ in self.sequence.axes())
 
     def look(
         self,
@@ -151,12 +130,7 @@ class StripeSensor:
             If the view sees nothing of the scene.
         """
         view = trace_view(tracer, self.sensor, camera_from_part, model=self.light, boxes=boxes)
-        return self.stripe_light(view)
-
-    def stripe_light(self, view: ViewLight) -> StripeLight:
-        """Return what a traced view's light becomes under the stripes and behind the lens."""
-        waves = np.array([f.periods / self.sequence.projector_width for f in self._fringes])
-        return stripe_light(view, waves)
+        return stripe_light(view, self.patterns)
 
     def frames(
         self, light: StripeLight, exposure_ms: float, seed: Sequence[int]
@@ -179,19 +153,20 @@ class StripeSensor:
             If the sensor cannot take this exposure time.
         """
         self.sensor.check_exposure(exposure_ms)
-        fringe = np.empty(self.sequence.n_frames, dtype=np.int64)
-        shifts_deg = np.empty(self.sequence.n_frames)
-        for i, steps in enumerate(self._fringes):
-            fringe[list(steps.frames)] = i
-            shifts_deg[list(steps.frames)] = steps.shifts_deg
         key = stream_key(*seed, _NOISE)
-        images = expose_stripes(light, fringe, shifts_deg, self.electronics, exposure_ms, key)
+        images = expose_stripes(light, self.patterns, self.electronics, exposure_ms, key)
         return tuple(FrameStack(frames=grey, exposure_ms=exposure_ms) for grey in images)
 
     def capture(
-        self, light: StripeLight, exposure_ms: float, *, view: str, seed: Sequence[int]
+        self,
+        light: StripeLight,
+        exposure_ms: float,
+        *,
+        view: str,
+        seed: Sequence[int],
+        raw_frames: bool = False,
     ) -> Capture:
-        """Take the stripe images at one exposure time, decode them and triangulate.
+        """Take all frames at one exposure time, decode them and triangulate.
 
         Parameters
         ----------
@@ -203,6 +178,8 @@ class StripeSensor:
             The view's name.
         seed : sequence of int
             As for `frames`.
+        raw_frames : bool
+            Attach every frame.
 
         Returns
         -------
@@ -216,34 +193,15 @@ class StripeSensor:
             If the sensor cannot take this exposure time.
         """
         stacks = self.frames(light, exposure_ms, seed)
-        return self.decoded(light, stacks, exposure_ms, view=view)
-
-    def decoded(
-        self, light: StripeLight, stacks: Sequence[FrameStack], exposure_ms: float, *, view: str
-    ) -> Capture:
-        """Decode the stripe images of one exposure and triangulate: `capture` of given frames.
-
-        Parameters
-        ----------
-        light : StripeLight
-            The view's light.
-        stacks : sequence of FrameStack
-            As `frames` took them.
-        exposure_ms : float, ms
-            At which they were taken.
-        view : str
-            The view's name.
-        """
-        camera, projector = self.sensor.camera, self._projector
+        projector = projector_of(self.sensor)
         clouds = []
         for tile, stack in zip(light.tiles, stacks, strict=True):
-            box = tile.box
             cloud = triangulate(
                 decode(stack, self.sequence, self.limits),
-                camera=camera,
+                camera=self.sensor.camera,
                 projector=projector.camera,
                 projector_from_camera=projector.camera_from_projector.inverse(),
-                window=box,
+                window=tile.box,
             )
             clouds.append(cloud)
         if light.is_whole:
@@ -251,19 +209,21 @@ class StripeSensor:
         else:
             points = [np.empty((0, 3), dtype=np.float32), *(c.valid_points for c in clouds)]
             cloud = Cloud(points=np.concatenate(points))
+        frames = range(self.sequence.n_frames) if raw_frames else ()
         return Capture(
             view=view,
             exposure_ms=exposure_ms,
-            image=self.whole_frame(light, stacks, self._fringes[-1].frames[0]),
+            image=self.whole_frame(light, stacks, image_frame(self.sequence)),
             cloud=cloud,
             camera_from_part=light.camera_from_part,
             notes="" if light.is_whole else "only the neighbourhoods of the rings were taken",
+            attachments=frame_files(self.whole_frame(light, stacks, i) for i in frames),
         )
 
     def whole_frame(
         self, light: StripeLight, stacks: Sequence[FrameStack], frame: int
     ) -> NDArray[np.uint8]:
-        """Return one of the stripe images in the camera's size, 0 where no tile is.
+        """Return one of the frames in the camera's size, 0 where no tile is.
 
         Parameters
         ----------

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import shutil
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from exposight.cell import preset_name, write_sensor
 from exposight.errors import FileError, FormatError, MissingFileError
 from exposight.files.durable import sweep_unfinished, write_durably
 from exposight.files.lock import hold_writer_lock
+from exposight.measuring.record import keep_record
 from exposight.observing import ObservationTable, read_observations
-from exposight.twin.campaign.record import keep_record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from exposight.plans import MeasuringPlan
-    from exposight.twin.campaign.settings import CellSettings
-    from exposight.twin.part import Scene
 
 
 _VIEWS = "[0-9]*.csv"
@@ -27,11 +26,6 @@ _VIEWS = "[0-9]*.csv"
 def views_folder(table: Path) -> Path:
     """Return the folder in which a table's finished views lie while it is not written."""
     return table.with_name(f"{table.name}.views")
-
-
-def count_views(table: Path) -> int:
-    """Return how many finished views lie beside a table that is not written."""
-    return len(list(views_folder(table).glob(_VIEWS)))
 
 
 def check_table_path(table: Path) -> None:
@@ -52,7 +46,7 @@ def check_table_path(table: Path) -> None:
         raise MissingFileError(msg)
 
 
-class ViewTables:
+class KeptViews:
     """The finished views of a table, on disk; `open_beside` makes one.
 
     Parameters
@@ -67,14 +61,14 @@ class ViewTables:
     @classmethod
     @contextmanager
     def open_beside(
-        cls, table: Path, *, plan: MeasuringPlan, scene: Scene, settings: CellSettings
-    ) -> Iterator[ViewTables]:
+        cls, table: Path, *, plan: MeasuringPlan, description: dict[str, Any]
+    ) -> Iterator[KeptViews]:
         """Open or make the folder beside a table, for one process at a time.
 
         Raises
         ------
         InputError
-            If it holds views of another plan or scene.
+            If it holds views of another plan or driver.
         FileError
             If another process has it open, a file in it is damaged, or the disk refuses.
         """
@@ -87,16 +81,17 @@ class ViewTables:
         lock = hold_writer_lock(folder, "the unfinished table")
         try:
             sweep_unfinished(folder)
-            tables = cls(folder)
+            if preset_name(plan.sensor) is None:  # else the plan names it
+                write_sensor(folder / "sensor.json", plan.sensor)
             keep_record(
                 folder,
                 plan=plan,
-                scene=scene,
-                settings=settings,
+                description=description,
+                clouds=False,
                 n_captures=len(list(folder.glob(_VIEWS))),
                 what="unfinished table",
             )
-            yield tables
+            yield cls(folder)
         finally:
             if folder.exists() and not list(folder.glob(_VIEWS)):  # nothing to go on with
                 shutil.rmtree(folder, ignore_errors=True)

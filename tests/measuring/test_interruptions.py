@@ -17,13 +17,16 @@ import pytest
 
 from exposight.cell import CampaignFolder
 from exposight.errors import FileError, InputError, NumericalError
+from exposight.measuring import measure, measure_observations
 from exposight.observing import read_observations
-from exposight.twin import simulate, simulate_observations, write_plan
+from exposight.plans import write_plan
 
 RUNNER = """
 import json, os, sys
 from pathlib import Path
-from exposight.twin import CellSettings, read_plan, simulate, simulate_observations
+from exposight.measuring import measure, measure_observations
+from exposight.plans import read_plan
+from exposight.twin import SimulatedCell
 
 for line in sys.stdin:  # each in a process of its own, forked after the imports, which take longest
     plan, scene, output, workers = json.loads(line)
@@ -33,12 +36,13 @@ for line in sys.stdin:  # each in a process of its own, forked after the imports
         os.waitpid(child, 0)
         print("ended", flush=True)
         continue
-    settings = CellSettings(rings_only=True, workers=workers, scene=Path(scene))
-    tell = lambda *_: print("report", flush=True)
+    plan = read_plan(plan)
+    cell = SimulatedCell.for_plan(plan, rings_only=True, scene=Path(scene))
+    options = {"workers": workers, "progress": lambda stage, *_: print(stage, flush=True)}
     if output.endswith(".csv"):
-        simulate_observations(read_plan(plan), settings, tell, table_path=output)
+        measure_observations(plan, cell, table_path=output, **options)
     else:
-        simulate(read_plan(plan), output, settings, tell)
+        measure(plan, cell, output, **options)
     os._exit(0)
 """
 
@@ -68,7 +72,8 @@ def killed(tmp_path, scene):
         words = [*map(str, (tmp_path / "plan.toml", scene, output)), workers]
         print(json.dumps(words), file=runner.stdin, flush=True)
         process = int(runner.stdout.readline())
-        assert runner.stdout.readline() == "report\n"  # it begins with its first view
+        while runner.stdout.readline() != "measuring\n":  # it begins with its first view
+            pass
         if after is not None:
             wait_for_another_file(tmp_path, after)
         time.sleep(then_s)
@@ -91,7 +96,7 @@ def wait_for_another_file(folder, pattern):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_a_run_killed_at_ten_random_moments_goes_on_to_the_same_bytes(
-    tmp_path, long_plan, rings, content, killed
+    tmp_path, long_plan, cell, content, killed
 ):
     moments = random.Random(5)
     folder = tmp_path / "killed"
@@ -108,14 +113,14 @@ def test_a_run_killed_at_ten_random_moments_goes_on_to_the_same_bytes(
         counts.append(len(list(CampaignFolder(folder).captures())))
     assert counts == sorted(counts)
     assert counts[0] < counts[-1] < 40, "kills must come in the middle"
-    simulate(long_plan, folder, rings)
-    uninterrupted = simulate(long_plan, tmp_path / "uninterrupted", rings)
+    measure(long_plan, cell(long_plan), folder)
+    uninterrupted = measure(long_plan, cell(long_plan), tmp_path / "uninterrupted")
     assert content(folder) == content(uninterrupted.path)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_observing_at_once_goes_on_after_kills_to_the_same_table(
-    tmp_path, sheet_plan, rings, killed
+    tmp_path, sheet_plan, cell, killed, reports
 ):
     table, views = tmp_path / "table.csv", tmp_path / "table.csv.views"
     for _ in range(2):
@@ -123,118 +128,117 @@ def test_observing_at_once_goes_on_after_kills_to_the_same_table(
     assert not table.exists()
     there = len(list(views.glob("0*.csv")))
     assert there >= 2
-    reports = []
-    went_on = simulate_observations(
-        sheet_plan, rings, lambda *n: reports.append(n), table_path=table
-    )
+    went_on = measure_observations(sheet_plan, cell(sheet_plan), table_path=table, progress=reports)
     assert reports[0] == (2 * there, 8)
     assert not views.exists()
-    assert went_on.frame.equals(simulate_observations(sheet_plan, rings).frame)
+    assert went_on.frame.equals(measure_observations(sheet_plan, cell(sheet_plan)).frame)
     assert read_observations(table).frame.equals(went_on.frame)
 
 
-def interrupt_at(when):
-    def interrupt(done, _total):
-        if done == when:
-            raise KeyboardInterrupt
+def at(done, act):
+    """Return a progress that does something when so many captures are there."""
 
-    return interrupt
+    def progress(stage, now, _total):
+        if (stage, now) == ("measuring", done):
+            act()
+
+    return progress
 
 
-def test_an_unfinished_table_goes_on_with_the_same_plan_only(tmp_path, sheet_plan, rings):
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def test_an_unfinished_table_goes_on_with_the_same_plan_only(tmp_path, sheet_plan, cell):
     table = tmp_path / "table.parquet"
     with pytest.raises(KeyboardInterrupt):
-        simulate_observations(sheet_plan, rings, interrupt_at(4), table_path=table)
-    message = r"unfinished table in .*table\.parquet\.views was simulated with another plan, .*seed"
+        measure_observations(
+            sheet_plan, cell(sheet_plan), table_path=table, progress=at(4, interrupt)
+        )
+    other = replace(sheet_plan, seed=9)
+    message = r"unfinished table in .*table\.parquet\.views was measured with another plan, .*seed"
     with pytest.raises(InputError, match=message):
-        simulate_observations(replace(sheet_plan, seed=9), rings, table_path=table)
-    with pytest.raises(InputError, match="rings only, not whole frames"):
-        simulate_observations(sheet_plan, replace(rings, rings_only=False), table_path=table)
-    simulate_observations(sheet_plan, rings, table_path=table)
+        measure_observations(other, cell(other), table_path=table)
+    whole = cell(sheet_plan, rings_only=False)
+    with pytest.raises(InputError, match="differing in rings_only"):
+        measure_observations(sheet_plan, whole, table_path=table)
+    measure_observations(sheet_plan, cell(sheet_plan), table_path=table)
     assert [path.name for path in tmp_path.iterdir()] == ["table.parquet"]
 
 
-def test_an_unfinished_table_has_one_writer(tmp_path, sheet_plan, rings):
-    table = tmp_path / "table.csv"
+def test_an_unfinished_table_has_one_writer(tmp_path, sheet_plan, cell):
+    table, driver = tmp_path / "table.csv", cell(sheet_plan)
 
-    def meanwhile(_done, _total):
+    def meanwhile():
         with pytest.raises(FileError, match="another writer has the unfinished table in"):
-            simulate_observations(sheet_plan, rings, table_path=table)
+            measure_observations(sheet_plan, driver, table_path=table)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate_observations(sheet_plan, rings, meanwhile, table_path=table)
+        measure_observations(sheet_plan, driver, table_path=table, progress=at(0, meanwhile))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_a_worker_that_is_killed_is_told_and_costs_no_capture(
-    tmp_path, alone, rings, sheet_plan, content
+    tmp_path, alone, cell, sheet_plan, content, reports
 ):
     folder = tmp_path / "campaign"
 
-    def kill_one(done: int, _total: int) -> None:
-        if done == 2:
-            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+    def kill_one() -> None:
+        os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
 
     message = r"a worker process died .*what was captured is kept: run again"
     with pytest.raises(NumericalError, match=message):
-        simulate(sheet_plan, folder, replace(rings, workers=2), kill_one)
+        measure(sheet_plan, cell(sheet_plan), folder, workers=2, progress=at(2, kill_one))
     assert not multiprocessing.active_children()
     assert 2 <= len(list(CampaignFolder(folder).captures())) < 8
-    first = []
-    simulate(sheet_plan, folder, rings, lambda done, _: first.append(done))
-    assert first[0] >= 2
+    measure(sheet_plan, cell(sheet_plan), folder, progress=reports)
+    assert reports[0][0] >= 2
     assert content(folder) == content(alone)
 
 
 def test_an_interrupt_ends_the_workers_before_the_next_writer_is_let_in(
-    tmp_path, alone, rings, sheet_plan, content
+    tmp_path, alone, cell, sheet_plan, content, reports
 ):
-    def interrupt(done: int, _total: int) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
     folder = tmp_path / "campaign"
     with pytest.raises(KeyboardInterrupt):
-        simulate(sheet_plan, folder, replace(rings, workers=2), interrupt)
+        measure(sheet_plan, cell(sheet_plan), folder, workers=2, progress=at(2, interrupt))
     assert not multiprocessing.active_children()
-    simulate(sheet_plan, folder, rings)
+    measure(sheet_plan, cell(sheet_plan), folder)
     assert content(folder) == content(alone)
 
 
-STAGES = ["preparing the scene", "planning the views", "taking the first views"]
+STAGES = ["preparing the cell", "planning the views", "measuring"]
 
 
-def test_stages_are_named_before_the_first_view(tmp_path, sheet_plan, rings):
-    told = []
-
-    def tell(*what):
-        told.append(what)
-        if what == (0, 8):
+def test_stages_are_named_before_the_first_view(sheet_plan, cell, reports):
+    def progress(*what):
+        reports(*what)
+        if what == ("measuring", 0, 8):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(sheet_plan, tmp_path / "campaign", rings, tell, stage=tell)
-    with pytest.raises(KeyboardInterrupt):
-        simulate_observations(sheet_plan, rings, tell, stage=tell)
-    assert told == [*((stage,) for stage in STAGES), (0, 8)] * 2
+        measure_observations(sheet_plan, cell(sheet_plan), progress=progress)
+    assert reports.stages == STAGES
 
 
 @pytest.mark.parametrize("when", STAGES)
 def test_an_unfinished_table_leaves_nothing_behind_before_the_first_view(
-    tmp_path, sheet_plan, rings, when
+    tmp_path, sheet_plan, cell, when
 ):
-    def interrupt(stage):
+    def stop(stage, _done, _total):
         if stage == when:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate_observations(sheet_plan, rings, stage=interrupt, table_path=tmp_path / "t.csv")
+        measure_observations(
+            sheet_plan, cell(sheet_plan), table_path=tmp_path / "t.csv", progress=stop
+        )
     assert not list(tmp_path.iterdir())
 
 
 def test_an_interrupt_at_any_write_before_the_first_view_costs_nothing(
-    tmp_path, alone, rings, sheet_plan, content, monkeypatch
+    tmp_path, alone, cell, sheet_plan, content, monkeypatch
 ):
     folder, begun = tmp_path / "campaign", []
     fsync, calls = os.fsync, 0
@@ -246,36 +250,35 @@ def test_an_interrupt_at_any_write_before_the_first_view_costs_nothing(
             raise KeyboardInterrupt
         fsync(descriptor)
 
-    def stop(stage):
+    def stop(stage, _done, _total):
         begun.append(stage)
         if stage == STAGES[-1]:
             raise KeyboardInterrupt
 
-    writes = 0
+    writes, driver = 0, cell(sheet_plan)
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", count_down)
         while STAGES[-1] not in begun:  # each run comes one write further than the one before
             writes += 1
             calls = writes
             with pytest.raises(KeyboardInterrupt):
-                simulate(sheet_plan, folder, rings, stage=stop)
+                measure(sheet_plan, driver, folder, progress=stop)
     assert writes > 4
-    simulate(sheet_plan, folder, rings)
+    measure(sheet_plan, cell(sheet_plan), folder)
     assert content(folder) == content(alone)
 
 
-def test_a_deleted_capture_is_taken_again(tmp_path, alone, rings, sheet_plan, content):
+def test_a_deleted_capture_is_taken_again(tmp_path, alone, cell, sheet_plan, content, reports):
     folder = tmp_path / "campaign"
     shutil.copytree(alone, folder)
     shutil.rmtree(folder / "captures" / "000003")
-    reports = []
-    simulate(sheet_plan, folder, rings, lambda *n: reports.append(n))
+    measure(sheet_plan, cell(sheet_plan), folder, progress=reports)
     assert reports == [(7, 8), (8, 8)]
     assert content(folder) == content(alone)
 
 
 def test_a_disk_that_fills_up_costs_no_capture(
-    tmp_path, alone, rings, monkeypatch, sheet_plan, content
+    tmp_path, alone, cell, monkeypatch, sheet_plan, content
 ):
     def no_space(_descriptor):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -283,12 +286,11 @@ def test_a_disk_that_fills_up_costs_no_capture(
     folder = tmp_path / "campaign"
     with monkeypatch.context() as patch:
 
-        def fill_up(done: int, _total: int) -> None:
-            if done == 4:
-                patch.setattr(os, "fsync", no_space)
+        def fill_up() -> None:
+            patch.setattr(os, "fsync", no_space)
 
         with pytest.raises(FileError, match=r"view 'middle-x1-y2' at 30 ms: .*the disk is full"):
-            simulate(sheet_plan, folder, rings, fill_up)
+            measure(sheet_plan, cell(sheet_plan), folder, progress=at(4, fill_up))
     assert len(list(CampaignFolder(folder).captures())) == 4
-    simulate(sheet_plan, folder, rings)
+    measure(sheet_plan, cell(sheet_plan), folder)
     assert content(folder) == content(alone)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from exposight.errors import InputError
-from exposight.plans import AlignmentErrors, draw_alignment
-from exposight.plans.alignment import view_seed
+from exposight.plans import view_seed
+from exposight.twin import AlignmentErrors, draw_alignment
 
 ERRORS = AlignmentErrors()
 DRAWS = 2000

@@ -1,13 +1,16 @@
-"""The random dots that an active stereo sensor's projector throws, and an image's light under them.
+"""Patterns on a slide: random dots, or any other; and an image's light under them.
 
-One dot lies at random in every cell of a square grid: random enough that no neighbourhood is like
-another along a row, even enough that none is without dots. The share of light that passes the slide
-is kept at several blurs, and what reaches a point is read between those that enclose its own:
+The share of light that passes a slide is kept at several blurs, and what reaches a point is read
+between those that enclose its own:
 
-    L = 1/n · Σ D_s · P(u_s, v_s; σ_s) + P̄·G + ambient,    P = ½·(1 + c₀·(2·dots − 1)),
+    L = 1/n · Σ D_s · P(u_s, v_s; σ_s) + P̄·G + ambient,    P = ½·(1 + c₀·(2·lit − 1)),
 
 D_s and (u_s, v_s; σ_s) being a sample's light and its place and blur in the pattern, P̄ the mean of
 the pattern, G the bounce. The camera's lens spreads all of it.
+
+Dots are those of an active stereo sensor's projector. One lies at random in every cell of a square
+grid: random enough that no neighbourhood is like another along a row, even enough that none is
+without dots.
 """
 
 from __future__ import annotations
@@ -22,12 +25,11 @@ import numpy as np
 
 from exposight.compiled import njit
 from exposight.errors import SensorError
-from exposight.twin.light import spread_by_lens
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exposight.twin.light import ViewLight
+    from exposight.twin.light import TileLight
 
 
 BLURS_PX = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
@@ -100,35 +102,52 @@ def render_dots(
     sharp = np.zeros((height, width), dtype=np.float32)
     _draw_discs(centres.reshape(-1, 2), pattern.radius_px, sharp)
     light = 0.5 * (1.0 + contrast * (2.0 * sharp - 1.0))
-    blurred = [cv2.GaussianBlur(light, (0, 0), blur) for blur in BLURS_PX]
-    return np.stack([np.rint(image * _FULL).astype(np.uint16) for image in blurred])
+    return blurred_slide(light)
 
 
-def dot_radiance(view: ViewLight, dots: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Return the light of a whole traced view under a dot pattern, behind the lens.
+def blurred_slide(light: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Blur a slide by all of `BLURS_PX`.
 
     Parameters
     ----------
-    view : ViewLight
-        A whole frame.
-    dots : (blurs, height, width) ndarray of uint16
-        From `render_dots`, of the projector's size.
+    light : (height, width) ndarray of float32
+        Share of the light that passes, 0–1; of height or width 1 where it is the same along an
+        axis.
+
+    Returns
+    -------
+    (blurs, height, width) ndarray of uint16
+        Transmittance, 65535 for 1.
+    """
+    blurred = [cv2.GaussianBlur(light, (0, 0), blur) for blur in BLURS_PX]
+    stack = [np.rint(image * _FULL).astype(np.uint16) for image in blurred]
+    return np.stack(stack).reshape(-1, *light.shape)
+
+
+def slide_radiance(tile: TileLight, slide: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Return the light of a tile under a slide, before the lens.
+
+    Parameters
+    ----------
+    tile : TileLight
+        A rectangle of a traced view.
+    slide : (blurs, height, width) ndarray of uint16
+        From `blurred_slide`; its size is the projector's, or 1 where it is the same along an axis.
 
     Returns
     -------
     (rows, columns) ndarray of float32, 1/mm²
     """
-    (tile,) = view.tiles
-    radiance = np.empty((1, *tile.ambient.shape), dtype=np.float32)
-    _light_dots(
+    radiance = np.empty(tile.ambient.shape, dtype=np.float32)
+    _light_slide(
         (tile.direct, tile.column, tile.row, tile.blur_px),
         (tile.indirect, tile.ambient),
-        dots,
+        slide,
         np.array(BLURS_PX),
-        float(dots[0].mean()),
-        radiance[0],
+        float(slide[0].mean()),
+        radiance,
     )
-    return np.asarray(spread_by_lens(radiance, tile, view.model.camera.spread_px)[0])
+    return radiance
 
 
 @njit(error_model="numpy")
@@ -145,12 +164,12 @@ def _draw_discs(centres: NDArray[np.float64], radius: float, image: NDArray[np.f
 
 
 @njit(parallel=True, error_model="numpy")
-def _light_dots(
+def _light_slide(
     samples: tuple[
         NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]
     ],
     other: tuple[NDArray[np.float32], NDArray[np.float32]],
-    dots: NDArray[np.uint16],
+    slide: NDArray[np.uint16],
     blurs: NDArray[np.float64],
     mean: float,
     radiance: NDArray[np.float32],
@@ -164,14 +183,14 @@ def _light_dots(
             total = 0.0
             for s in range(n):
                 if direct[s, r, c] > 0.0:
-                    share = _share(dots, blurs, column[s, r, c], row[s, r, c], blur[s, r, c])
+                    share = _share(slide, blurs, column[s, r, c], row[s, r, c], blur[s, r, c])
                     total += direct[s, r, c] * share
             radiance[r, c] = (total / n + indirect[r, c] * mean) / _FULL + ambient[r, c]
 
 
 @njit(inline="always", error_model="numpy")
 def _share(
-    dots: NDArray[np.uint16], blurs: NDArray[np.float64], u: float, v: float, blur: float
+    slide: NDArray[np.uint16], blurs: NDArray[np.float64], u: float, v: float, blur: float
 ) -> float:
     """Return the light that passes at a place of the slide, linear in place and squared blur."""
     level = 0
@@ -183,9 +202,9 @@ def _share(
     across, down = u - left, v - top
     total = 0.0
     for i in range(2):
-        y = min(max(top + i, 0), dots.shape[1] - 1)
+        y = min(max(top + i, 0), slide.shape[1] - 1)
         for j in range(2):
-            x = min(max(left + j, 0), dots.shape[2] - 1)
+            x = min(max(left + j, 0), slide.shape[2] - 1)
             weight = (down if i else 1.0 - down) * (across if j else 1.0 - across)
-            total += weight * ((1.0 - t) * dots[level, y, x] + t * dots[level + 1, y, x])
+            total += weight * ((1.0 - t) * slide[level, y, x] + t * slide[level + 1, y, x])
     return total

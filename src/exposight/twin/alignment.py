@@ -1,4 +1,4 @@
-"""How well the sensor's pose is known: the error between where it stood and where it says it stood.
+"""How well the sensor's pose is known: the error between the true pose and the reported one.
 
 The paper's note at the end of Sect. 3.2.2: most measurements were aligned by photogrammetry, some
 of the near plane by the robot's kinematics alone, with errors of up to 5 mm. A misaligned ring lies
@@ -7,7 +7,6 @@ beside its hole, so p_norm drops although the cloud is good.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
@@ -17,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
+from exposight.plans import view_seed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,6 +80,14 @@ class Alignment:
     reported_from_true: RigidTransform
 
     @property
+    def notes(self) -> str:
+        """The alignment in words, for a capture's notes."""
+        return (
+            f"aligned by {self.aligned_by}, wrong by {self.error_mm:.3f} mm and "
+            f"{self.error_deg:.4f}°"
+        )
+
+    @property
     def error_mm(self) -> float:
         """Shift at the TCP, mm."""
         return float(np.linalg.norm(self.reported_from_true.translation_mm))
@@ -88,22 +96,6 @@ class Alignment:
     def error_deg(self) -> float:
         """Turn, degrees."""
         return math.degrees(Rotation.from_matrix(self.reported_from_true.rotation).magnitude())
-
-
-def view_seed(seed: int, view: str) -> tuple[int, int]:
-    """Return the whole numbers from which everything random in a view follows.
-
-    They depend on the seed and the view's name alone, so that views can be added to a plan, left
-    out and computed in any order without changing the others.
-
-    Parameters
-    ----------
-    seed : int, 0 or more
-        The plan's seed.
-    view : str
-        The view's name.
-    """
-    return seed, int.from_bytes(hashlib.sha256(view.encode()).digest()[:8], "big")
 
 
 def draw_alignment(

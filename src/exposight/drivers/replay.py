@@ -1,0 +1,120 @@
+"""A recorded campaign as a driver: it gives back its captures, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from exposight.cell import CampaignFolder
+from exposight.errors import InputError
+
+if TYPE_CHECKING:
+    from exposight.cell import ActiveSensor, Capture, Part
+    from exposight.geometry import RigidTransform
+
+
+class ReplayDriver:
+    """Gives back the captures of a campaign by pose and exposure time (`exposight.cell.Driver`).
+
+    Plans, closed loops and other drivers' users can thus be tried on recordings. A pose is found
+    where it moves no feature by more than a tolerance; of several, the nearest one is taken.
+
+    Parameters
+    ----------
+    campaign : path
+        The campaign's folder.
+    tolerance_mm : float, mm
+        How far a feature may lie, in the recorded pose, from where the pose asked for has it.
+        Recorded poses carry the error of their alignment: up to 5 mm by the robot's kinematics
+        (Sect. 3.2.2 of the paper), and the little that a turn adds.
+
+    Raises
+    ------
+    FileError
+        If the campaign or one of its descriptions cannot be read.
+    InputError
+        If it has no captures.
+    """
+
+    concurrent = True
+
+    def __init__(self, campaign: str | Path, *, tolerance_mm: float = 6.0) -> None:
+        self._campaign = CampaignFolder(Path(campaign))
+        self._tolerance_mm = tolerance_mm
+        self._keys, self._poses = self._campaign.keys(), self._campaign.poses()
+        if not self._keys:
+            msg = f"the campaign in {campaign} has no captures to give back"
+            raise InputError(msg)
+
+    @property
+    def sensor(self) -> ActiveSensor:
+        """The sensor that recorded the campaign."""
+        return self._campaign.sensor
+
+    @property
+    def part(self) -> Part:
+        """The part that was recorded."""
+        return self._campaign.part
+
+    def description(self) -> dict[str, object]:
+        """Return what decides the captures, JSON-able."""
+        return {
+            "driver": "replay",
+            "campaign": self._campaign.name,
+            "tolerance_mm": self._tolerance_mm,
+        }
+
+    def capture(
+        self, exposure_ms: float, camera_from_part: RigidTransform, *, view: str
+    ) -> Capture:
+        """Give back the capture that was recorded at a pose and exposure time.
+
+        Parameters
+        ----------
+        exposure_ms : float, ms
+            Met to half the sensor's increment.
+        camera_from_part : RigidTransform
+            Met to the tolerance. The capture keeps the recorded pose.
+        view : str
+            Name that the capture gets.
+
+        Raises
+        ------
+        InputError
+            If the campaign has no capture there; the message names the nearest one.
+        """
+        features_mm = np.array([f.part_from_feature.translation_mm for f in self.part.features])
+        asked_mm = camera_from_part.apply(features_mm)
+        away_mm = np.array(
+            [
+                np.linalg.norm(pose.apply(features_mm) - asked_mm, axis=1).max()
+                for pose in self._poses
+            ]
+        )
+        nearest = int(away_mm.argmin())
+        if away_mm[nearest] > self._tolerance_mm:
+            msg = (
+                f"campaign {self._campaign.name!r} has no capture at this pose: in the nearest "
+                f"view, {self._keys[nearest].view!r}, features lie up to {away_mm[nearest]:.1f} mm "
+                f"elsewhere, and {self._tolerance_mm:g} mm are allowed; replay the poses that it "
+                "recorded"
+            )
+            raise InputError(msg)
+        recorded = self._keys[nearest].view
+        numbers = {
+            key.exposure_ms: number
+            for key, number in zip(self._keys, self._campaign.numbers, strict=True)
+            if key.view == recorded
+        }
+        best_ms = min(numbers, key=lambda ms: abs(ms - exposure_ms))
+        if abs(best_ms - exposure_ms) > 0.5 * self.sensor.exposure.increment_ms:
+            msg = (
+                f"campaign {self._campaign.name!r} has view {recorded!r} at "
+                f"{', '.join(f'{ms:g}' for ms in sorted(numbers))} ms, not at {exposure_ms:g} ms; "
+                "replay the exposure times that it recorded"
+            )
+            raise InputError(msg)
+        return replace(self._campaign.capture(numbers[best_ms]), view=view)

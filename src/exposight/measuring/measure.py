@@ -1,0 +1,309 @@
+"""Carry out a measuring plan on a driver; continue where an earlier run stopped.
+
+Views are independent: several are captured at the same time, in processes of their own, where the
+driver allows it. A driver whose captures depend on pose, exposure time and the view's name alone
+then gives the same bytes for any number of workers, here or on a cluster, and any interruption.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey
+from exposight.errors import InputError, SensorError
+from exposight.files.documents import alike
+from exposight.files.durable import write_durably
+from exposight.measuring.kept_views import KeptViews, check_table_path
+from exposight.measuring.record import describe, keep_record
+from exposight.measuring.view_work import (
+    OBSERVATIONS_FILE,
+    ViewTask,
+    observe_view,
+    same_exposure,
+    write_view,
+)
+from exposight.observing import ObservationTable
+from exposight.workers import LocalProcesses, choose_workers, ignore_progress
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from exposight.cell import ActiveSensor, Driver, Part
+    from exposight.plans import MeasuringPlan, PlannedView
+    from exposight.workers import Progress, Workers
+
+
+def measure(
+    plan: MeasuringPlan,
+    driver: Driver,
+    folder: str | Path,
+    *,
+    part: Part | None = None,
+    clouds: bool = True,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress = ignore_progress,
+) -> CampaignFolder:
+    """Carry out a measuring plan and write its campaign; continue where an earlier run stopped.
+
+    More than one worker means processes that are begun afresh: a script then needs
+    ``if __name__ == "__main__":`` around what it does, as Python's `multiprocessing` explains.
+
+    Parameters
+    ----------
+    plan : MeasuringPlan
+        From where and for how long to measure.
+    driver : Driver
+        That takes the captures, with the plan's sensor.
+    folder : path
+        The campaign's folder, as in ``docs/formats.md``. Captures that are there are kept, those
+        that are missing are taken.
+    part : Part, optional
+        What is measured, where the driver does not know it.
+    clouds : bool
+        Keep the clouds. Without them every capture is observed when it is taken, and the campaign
+        holds its observations (``observations.csv``), which cannot be repeated from it.
+    workers : int
+        Processes on this machine that capture at the same time, where the driver allows it
+        (`exposight.cell.driver`); 1 stays in this one.
+    cluster : str, optional
+        Address of a Dask scheduler whose workers capture instead, as ``tcp://host:8786``. All of
+        them must reach the folder at the same path.
+    progress : Progress
+        Called with the captures that are there and those in all, first before any is taken.
+
+    Returns
+    -------
+    CampaignFolder
+
+    Raises
+    ------
+    InputError
+        If the plan cannot be carried out, the folder holds another plan's or driver's captures, or
+        there is no such cluster.
+    SensorError
+        If the driver has another sensor than the plan, fails, or takes other exposure times than it
+        is asked for. What was captured stays valid, as for the errors below.
+    FileError
+        If the disk is full or refuses.
+    NumericalError
+        If a worker process here died, or a cluster gave up.
+    """
+    folder = Path(folder).resolve()  # workers may be elsewhere
+    job = _Job(plan, driver, part, clouds, workers, cluster, progress)
+    numbers = job.numbers
+    with CampaignWriter.open_or_create(
+        folder, name=plan.name, sensor=plan.sensor, part=job.part
+    ) as writer:
+        n_there = len(writer.keys)
+        record_sha256 = keep_record(
+            folder,
+            plan=plan,
+            description=job.description,
+            clouds=clouds,
+            n_captures=n_there,
+            what="campaign",
+        )
+        if n_there == 0:
+            files: Mapping[str, bytes] = getattr(driver, "campaign_files", dict)()
+            for name, content in files.items():
+                write_durably(folder / name, content)
+        there = _captures_there(writer, numbers, folder, plan.sensor)
+        tasks = job.tasks(numbers.keys() - there)
+        done = len(there)
+        progress("measuring", done, len(numbers))
+        work = partial(write_view, folder, record_sha256)
+        # Closed before the writer is, whatever happens: no process here may outlive the lock.
+        with closing(job.workers.run(work, tasks)) as results:
+            for task, _ in results:
+                done += len(task.captures)
+                progress("measuring", done, len(numbers))
+        writer.sweep()  # a cluster's worker may have died over a capture that another took
+        campaign = CampaignFolder(folder)
+        if not clouds:
+            _write_table(campaign)
+    return campaign
+
+
+def measure_observations(
+    plan: MeasuringPlan,
+    driver: Driver,
+    *,
+    part: Part | None = None,
+    table_path: str | Path | None = None,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress = ignore_progress,
+) -> ObservationTable:
+    """Carry out a measuring plan and observe every capture at once, without writing any.
+
+    Parameters
+    ----------
+    plan, driver, part, workers, cluster, progress
+        As for `measure`.
+    table_path : path, optional
+        Where to write the table, .csv or .parquet. Until it is written, the observations of
+        finished views are kept in a folder beside it, and the same call continues with them after
+        any interruption.
+
+    Returns
+    -------
+    ObservationTable
+        As `observe_campaign` makes it of the campaign that `measure` would write.
+
+    Raises
+    ------
+    InputError
+        If the plan cannot be carried out, the folder beside the table holds another one's views,
+        or there is no such cluster.
+    SensorError, NumericalError
+        As for `measure`. The observations of finished views stay valid.
+    FileError
+        If the table cannot be written.
+    """
+    if table_path is not None:
+        table_path = Path(table_path)
+        check_table_path(table_path)
+    job = _Job(plan, driver, part, False, workers, cluster, progress)
+    with ExitStack() as stack:
+        kept, tables = None, {}
+        if table_path is not None:
+            kept = stack.enter_context(
+                KeptViews.open_beside(table_path, plan=plan, description=job.description)
+            )
+            stored = {view.name: kept.find(number) for number, view in enumerate(job.views)}
+            tables = {name: table for name, table in stored.items() if table is not None}
+        job.observe_others(tables, kept)
+        table = ObservationTable(frame=pl.concat(tables[view.name].frame for view in job.views))
+        if kept is not None and table_path is not None:
+            table.write(table_path)
+            kept.remove()
+    return table
+
+
+class _Job:
+    """A plan, checked, with the driver and the workers that carry it out."""
+
+    def __init__(
+        self,
+        plan: MeasuringPlan,
+        driver: Driver,
+        part: Part | None,
+        clouds: bool,
+        workers: int,
+        cluster: str | None,
+        progress: Progress,
+    ) -> None:
+        _check_sensor(plan, driver)
+        self.workers = _workers(driver, workers, cluster)
+        progress("preparing the cell", 0, 1)
+        part = part or getattr(driver, "part", None)
+        if part is None:
+            msg = "the driver does not know the part that it measures; give it as `part`"
+            raise InputError(msg)
+        self.plan, self.driver, self._clouds, self._progress = plan, driver, clouds, progress
+        self.description: dict[str, Any] = describe(driver)
+        progress("preparing the cell", 1, 1)
+        progress("planning the views", 0, 1)
+        self.part = plan.observed_part(part)
+        self.views: tuple[PlannedView, ...] = plan.views(part)
+        progress("planning the views", 1, 1)
+        keys = [CaptureKey(view.name, t) for view in self.views for t in view.exposures_ms]
+        self.numbers = {key: number for number, key in enumerate(keys)}
+
+    def tasks(self, missing: Collection[CaptureKey]) -> list[ViewTask]:
+        """Return a task for each view of which captures are missing."""
+        tasks = []
+        for view in self.views:
+            keys = [CaptureKey(view.name, t) for t in view.exposures_ms]
+            captures = tuple((self.numbers[key], key.exposure_ms) for key in keys if key in missing)
+            if captures:
+                tasks.append(
+                    ViewTask(
+                        plan=self.plan,
+                        view=view,
+                        captures=captures,
+                        driver=self.driver,
+                        description=self.description,
+                        part=self.part,
+                        clouds=self._clouds,
+                    )
+                )
+        return tasks
+
+    def observe_others(self, tables: dict[str, ObservationTable], kept: KeptViews | None) -> None:
+        """Observe the views whose tables are not there yet, and add them."""
+        order = {view.name: number for number, view in enumerate(self.views)}
+        tasks = self.tasks({key for key in self.numbers if key.view not in tables})
+        total = len(self.numbers)
+        done = total - sum(len(task.captures) for task in tasks)
+        self._progress("measuring", done, total)
+        with closing(self.workers.run(observe_view, tasks)) as results:
+            for task, rows in results:
+                table = ObservationTable.from_observations(rows)
+                if kept is not None:
+                    kept.keep(order[task.view.name], table)
+                tables[task.view.name] = table
+                done += len(task.captures)
+                self._progress("measuring", done, total)
+
+
+def _workers(driver: Driver, count: int, cluster: str | None) -> Workers:
+    workers = choose_workers(count, cluster)
+    if getattr(driver, "concurrent", False):
+        return workers
+    if cluster is not None:
+        msg = "this driver captures in this process alone, so a cluster cannot do it"
+        raise InputError(msg)
+    return LocalProcesses(1)
+
+
+def _check_sensor(plan: MeasuringPlan, driver: Driver) -> None:
+    ours, theirs = (json.loads(sensor.to_json()) for sensor in (plan.sensor, driver.sensor))
+    keys = [key for key in ours if not alike(ours[key], theirs.get(key))]
+    if keys:
+        msg = (
+            f"plan {plan.name!r} is for sensor {plan.sensor.name!r}, the driver has "
+            f"{driver.sensor.name!r}, which differs in {', '.join(keys)}; plan for the driver's "
+            "sensor"
+        )
+        raise SensorError(msg)
+
+
+def _captures_there(
+    writer: CampaignWriter,
+    numbers: Mapping[CaptureKey, int],
+    folder: Path,
+    sensor: ActiveSensor,
+) -> frozenset[CaptureKey]:
+    """Return the plan's captures that an earlier run took."""
+    planned = {number: key for key, number in numbers.items()}
+    there = set()
+    for number, key in writer.numbered_keys.items():
+        wanted = planned.get(number, CaptureKey("", 0.0))
+        if wanted.view != key.view or not same_exposure(
+            wanted.exposure_ms, key.exposure_ms, sensor.exposure.increment_ms
+        ):
+            msg = (
+                f"the campaign in {folder} holds view {key.view!r} at {key.exposure_ms:g} ms as "
+                f"capture {number}, which this plan does not: it was taken by another plan; "
+                "choose another folder"
+            )
+            raise InputError(msg)
+        there.add(wanted)
+    return frozenset(there)
+
+
+def _write_table(campaign: CampaignFolder) -> None:
+    """Write the observations of a campaign's captures, which lie beside them, as one table."""
+    header, rows = b"", []
+    for number in campaign.numbers:
+        header, _, body = campaign.attachments(number)[OBSERVATIONS_FILE].partition(b"\n")
+        rows.append(body)
+    write_durably(campaign.path / OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))

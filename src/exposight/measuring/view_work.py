@@ -1,0 +1,192 @@
+"""One view of a plan, captured at its exposure times: the work of one process."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from exposight.cell import write_numbered_capture
+from exposight.errors import ExposightError, InputError, SensorError
+from exposight.measuring.record import check_record, describe, differing
+from exposight.observing import (
+    Observation,
+    ObservationTable,
+    observe_capture,
+    point_search,
+    view_features,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from exposight.cell import Capture, Driver, Part
+    from exposight.geometry import RigidTransform
+    from exposight.observing import FeatureView
+    from exposight.plans import MeasuringPlan, PlannedView
+
+
+OBSERVATIONS_FILE = "observations.csv"
+"""Rows of a capture that is kept without its cloud, and of its whole campaign."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewTask:
+    """One view of a plan, all that a worker process has to know.
+
+    Parameters
+    ----------
+    plan : MeasuringPlan
+        The plan.
+    view : PlannedView
+        The view.
+    captures : tuple of (int, float)
+        Numbers in the campaign, and exposure times in ms, of the captures to take.
+    driver : Driver
+        That takes them.
+    description : dict
+        What the driver says of itself where the measurement began.
+    part : Part
+        The features to observe.
+    clouds : bool
+        Whether clouds are kept.
+    """
+
+    plan: MeasuringPlan
+    view: PlannedView
+    captures: tuple[tuple[int, float], ...]
+    driver: Driver
+    description: dict[str, Any]
+    part: Part
+    clouds: bool = True
+
+
+def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
+    """Take a view's captures and write each as soon as it is taken.
+
+    Parameters
+    ----------
+    folder : Path
+        The campaign's folder, whose writer another process holds.
+    record_sha256 : str
+        Checksum of the measurement's record in it.
+    task : ViewTask
+        What to take.
+
+    Raises
+    ------
+    ExposightError
+        What went wrong, naming plan, view and exposure.
+    """
+    with _naming(task):
+        check_record(folder, record_sha256)  # before the work, for whom it would be in vain
+        _check_driver(task)
+    observer = _Observer(task)
+    for number, exposure_ms in task.captures:
+        with _naming(task, exposure_ms):
+            capture = _capture(task, exposure_ms)
+            if not task.clouds:
+                rows = observations_csv(observer.observe(capture))
+                capture = replace(
+                    capture,
+                    cloud=None,
+                    attachments={**capture.attachments, OBSERVATIONS_FILE: rows},
+                )
+            check_record(folder, record_sha256)  # by now the folder may be another measurement's
+            write_numbered_capture(folder, number, capture)
+
+
+def observe_view(task: ViewTask) -> list[Observation]:
+    """Take a view's captures and observe each, keeping none.
+
+    Raises
+    ------
+    ExposightError
+        What went wrong, naming plan, view and exposure.
+    """
+    with _naming(task):
+        _check_driver(task)
+    observer = _Observer(task)
+    rows = []
+    for _, exposure_ms in task.captures:
+        with _naming(task, exposure_ms):
+            rows += observer.observe(_capture(task, exposure_ms))
+    return rows
+
+
+def observations_csv(rows: Sequence[Observation]) -> bytes:
+    """Return rows of an observation table as the content of a CSV file."""
+    return ObservationTable.from_observations(rows).frame.write_csv().encode()
+
+
+def same_exposure(task_ms: float, taken_ms: float, increment_ms: float) -> bool:
+    """Tell whether an exposure time read back is the one asked for, to the sensor's increment."""
+    return abs(task_ms - taken_ms) <= increment_ms * (1 + 1e-9)
+
+
+@contextmanager
+def _naming(task: ViewTask, exposure_ms: float | None = None) -> Iterator[None]:
+    """Name plan, view and exposure in the messages of errors."""
+    when = "" if exposure_ms is None else f" at {exposure_ms:g} ms"
+    place = f"plan {task.plan.name!r}, view {task.view.name!r}{when}"
+    try:
+        yield
+    except ExposightError as error:
+        msg = f"{place}: {error}"
+        raise type(error)(msg) from error
+
+
+def _capture(task: ViewTask, exposure_ms: float) -> Capture:
+    """Take a capture and check that it is the one asked for."""
+    view, sensor = task.view, task.plan.sensor
+    try:
+        capture = task.driver.capture(exposure_ms, view.camera_from_part, view=view.name)
+    except ExposightError:
+        raise
+    except Exception as error:  # whatever a driver's own libraries raise
+        msg = (
+            f"the driver failed ({type(error).__name__}: {error}); captures taken before are kept: "
+            "run again to go on"
+        )
+        raise SensorError(msg) from error
+    capture.check_fits(sensor)
+    if capture.view != view.name:
+        msg = f"the driver named its capture {capture.view!r}; it must give it the view's name"
+        raise InputError(msg)
+    increment_ms = sensor.exposure.increment_ms
+    if not same_exposure(exposure_ms, capture.exposure_ms, increment_ms):
+        msg = (
+            f"the sensor was set to {exposure_ms:g} ms and took {capture.exposure_ms:g} ms, more "
+            f"than its increment of {increment_ms:g} ms away; plan exposure times that it can take"
+        )
+        raise SensorError(msg)
+    return capture
+
+
+class _Observer:
+    """Observes a view's captures, which share their masks while their pose is the same."""
+
+    def __init__(self, task: ViewTask) -> None:
+        self._part, self._sensor = task.part, task.plan.sensor
+        self._pose: RigidTransform | None = None
+        self._views: tuple[FeatureView, ...] = ()
+
+    def observe(self, capture: Capture) -> list[Observation]:
+        if capture.camera_from_part != self._pose:
+            self._pose = capture.camera_from_part
+            self._views = view_features(self._part, self._sensor, capture.camera_from_part)
+        search = point_search(capture.require_cloud(), self._sensor.camera)
+        return observe_capture(capture, self._views, search)
+
+
+def _check_driver(task: ViewTask) -> None:
+    """Refuse to mix what different processes capture."""
+    facts = differing(task.description, describe(task.driver))
+    if facts:
+        msg = (
+            f"the driver is another on {socket.gethostname()}, where a worker is: it differs in "
+            f"{facts}; give all workers the same files and the same versions of Python's packages"
+        )
+        raise InputError(msg)

@@ -1,0 +1,325 @@
+"""The simulated cell as a driver: a pose and an exposure time become a capture.
+
+What a view gives depends on the cell's settings and seed, the view's pose and its name alone,
+whatever else is captured, by whichever process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from exposight.cell import Capture, Part, sensor_preset
+from exposight.errors import InputError
+from exposight.plans import view_seed
+from exposight.twin.alignment import draw_alignment
+from exposight.twin.cell_settings import SimulatedCellSettings
+from exposight.twin.light import LightModel, SceneTracer
+from exposight.twin.part import FINISHES, door, read_scene
+from exposight.twin.sensors import (
+    DOT_ELECTRONICS,
+    DOT_LIGHT,
+    MATCHED_MM,
+    CameraElectronics,
+    DotSensor,
+    StripeSensor,
+    default_sequence,
+    fringe_sequence,
+    meaning_of_frames,
+    projector_of,
+    ring_boxes,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
+    from exposight.cell import ActiveSensor
+    from exposight.geometry import RigidTransform
+    from exposight.plans import MeasuringPlan, PlannedView
+    from exposight.twin.alignment import Alignment
+    from exposight.twin.part import Finish, Scene
+
+
+_COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
+
+_ROUNDING = 1e-9
+"""How far a planned pose may be from the one commanded, mm: it went from one frame to another."""
+
+
+class SimulatedCell:
+    """A measuring cell made of physics (`exposight.cell.Driver`).
+
+    Parameters
+    ----------
+    sensor : ActiveSensor
+        Any with a projector: one camera takes patterns and decodes them, two match dots.
+    settings : SimulatedCellSettings, optional
+        Light, alignment, patterns, scene, what is taken and attached.
+    seed : int, 0 or more
+        Noise and alignment errors follow from it and the views' names.
+    features : sequence of str, optional
+        Features of the part round which is traced with `rings_only`; all by default.
+    planned : iterable of PlannedView
+        Views whose poses in the TCP frame are known exactly.
+
+    Raises
+    ------
+    SensorError
+        If the sensor has no projector, or more than two cameras.
+    ImageError
+        If the sensor cannot show the sequence.
+    InputError
+        If rings only are wanted of a sensor that needs whole frames.
+    FileError
+        If the scene cannot be read.
+    """
+
+    concurrent = True
+
+    def __init__(
+        self,
+        sensor: ActiveSensor,
+        settings: SimulatedCellSettings | None = None,
+        *,
+        seed: int = 0,
+        features: Iterable[str] | None = None,
+        planned: Iterable[PlannedView] = (),
+    ) -> None:
+        self.sensor = sensor
+        self.settings = settings or SimulatedCellSettings()
+        self.seed = seed
+        self._features = None if features is None else tuple(features)
+        self._planned = {view.name: view.tcp_from_part for view in planned}
+        self._traced: tuple[object, Callable[..., Capture]] | None = None
+        model = self._model
+        if self.settings.rings_only and (isinstance(model, DotSensor) or model.needs_whole_frames):
+            method = "matches" if isinstance(model, DotSensor) else "decodes Gray code in"
+            msg = (
+                f"sensor {sensor.name!r} {method} whole images, so it cannot take rings only; take "
+                "whole frames"
+            )
+            raise InputError(msg)
+
+    @classmethod
+    def for_plan(
+        cls, plan: MeasuringPlan, *, folder: Path | None = None, **changes: Any
+    ) -> SimulatedCell:
+        """Return the cell that a plan describes.
+
+        Parameters
+        ----------
+        plan : MeasuringPlan
+            Its sensor, seed, features, and the settings that it carries; its views are worked out.
+        folder : Path, optional
+            The plan's folder (`SimulatedCellSettings.of_plan`).
+        **changes
+            Settings by name, in place of those that the plan carries.
+
+        Raises
+        ------
+        ExposightError
+            As for `SimulatedCell`, `SimulatedCellSettings.of_plan` and `MeasuringPlan.views`.
+        """
+        settings = replace(SimulatedCellSettings.of_plan(plan, folder), **changes)
+        cell = cls(plan.sensor, settings, seed=plan.seed, features=plan.features)
+        cell._planned = {view.name: view.tcp_from_part for view in plan.views(cell.part)}
+        return cell
+
+    @property
+    def part(self) -> Part:
+        """The part with all its features."""
+        return self.scene.part
+
+    @property
+    def scene(self) -> Scene:
+        """What light falls on."""
+        return scene_at(self.settings.scene, self.settings.finish)
+
+    def description(self) -> dict[str, object]:
+        """Return what decides the captures beyond sensor, part and plan, JSON-able."""
+        settings = self.settings.table()
+        settings.pop("scene", None)  # by its content, wherever it lies
+        checksum = _scene_sha256(self.settings.scene, self.settings.finish)
+        return {"driver": "simulated cell", "scene_sha256": checksum, "seed": self.seed, **settings}
+
+    def campaign_files(self) -> Mapping[str, bytes]:
+        """Return what the raw frames of structured light mean, as files by name."""
+        model = self._model
+        if self.settings.raw_frames and isinstance(model, StripeSensor):
+            return meaning_of_frames(self.sensor, model.sequence, model.limits)
+        return {}
+
+    def alignment(self, view: str) -> Alignment:
+        """Return how a view is aligned, and the error of the pose that is reported.
+
+        Parameters
+        ----------
+        view : str
+            The view's name.
+        """
+        shares = self.settings.kinematic_share
+        group = re.sub(r"-(x\d+-y\d+|\d+)$", "", view)  # as plans name the views of a group
+        share = shares.get(view, shares.get(group, 0.0))
+        return draw_alignment(self.settings.alignment, share, self.seed, view)
+
+    def reported_pose(self, camera_from_part: RigidTransform, view: str) -> RigidTransform:
+        """Return where the part is said to stand when it truly stands somewhere.
+
+        Parameters
+        ----------
+        camera_from_part : RigidTransform
+            Where it truly stands.
+        view : str
+            The view's name.
+        """
+        camera_from_tcp = self.sensor.camera_from_tcp
+        tcp_from_part = self._planned.get(view)
+        if tcp_from_part is None or not _alike(camera_from_tcp @ tcp_from_part, camera_from_part):
+            tcp_from_part = camera_from_tcp.inverse() @ camera_from_part
+        return camera_from_tcp @ self.alignment(view).reported_from_true @ tcp_from_part
+
+    def capture(
+        self, exposure_ms: float, camera_from_part: RigidTransform, *, view: str
+    ) -> Capture:
+        """Take a capture; a view is traced once for all its exposure times.
+
+        Parameters
+        ----------
+        exposure_ms : float, ms
+            In the sensor's range.
+        camera_from_part : RigidTransform
+            Where the part truly stands. The capture records it with the alignment's error.
+        view : str
+            The view's name.
+
+        Raises
+        ------
+        SensorError
+            If the sensor cannot take this exposure time.
+        InputError
+            If the view sees nothing of the scene.
+        """
+        alignment = self.alignment(view)
+        reported = self.reported_pose(camera_from_part, view)
+        seed = (*view_seed(self.seed, view), round(1000 * exposure_ms))
+        pose = (camera_from_part, reported)
+        if self._traced is None or self._traced[0] != pose:
+            self._traced = None  # lets go of its memory
+            self._traced = (pose, self._look(*pose))
+        capture = self._traced[1](
+            exposure_ms, view=view, seed=seed, raw_frames=self.settings.raw_frames
+        )
+        return replace(
+            capture,
+            camera_from_part=reported,
+            notes="; ".join(filter(None, (alignment.notes, capture.notes))),
+        )
+
+    def _look(self, true: RigidTransform, reported: RigidTransform) -> Callable[..., Capture]:
+        """Trace a view; what is returned takes its captures."""
+        model = self._model
+        tracer = _tracer(self.settings.scene, self.settings.finish)
+        if isinstance(model, DotSensor):
+            return partial(model.capture, model.look(tracer, true))
+        boxes = None
+        if self.settings.rings_only:
+            part = self.part
+            if self._features is not None:
+                part = replace(part, features=tuple(map(part.feature, self._features)))
+            boxes = ring_boxes(part, self.sensor, reported)
+        return partial(model.capture, model.look(tracer, true, boxes))
+
+    @property
+    def _model(self) -> StripeSensor | DotSensor:
+        return _sensor_model(self.sensor, self.settings)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_traced": None}  # other processes trace for themselves
+
+
+def scene_at(folder: Path | None, finish: Finish | None = None) -> Scene:
+    """Return the scene in a folder, or the door; read once.
+
+    Parameters
+    ----------
+    folder : Path or None
+        As `exposight.twin.part.export_scene` writes it; None for the door.
+    finish : str, optional
+        Finish of the whole part, in place of its own.
+
+    Raises
+    ------
+    FileError, InputError
+        As for `read_scene`.
+    """
+    return _scene(None if folder is None else folder.resolve(), finish)
+
+
+@lru_cache(maxsize=2)
+def _scene(folder: Path | None, finish: Finish | None) -> Scene:
+    if finish is not None:
+        scene = _scene(folder, None)
+        return replace(scene, face_finish=np.full_like(scene.face_finish, FINISHES.index(finish)))
+    return door() if folder is None else read_scene(folder)
+
+
+@lru_cache(maxsize=2)
+def _scene_sha256(folder: Path | None, finish: Finish | None) -> str:
+    return scene_checksum(scene_at(folder, finish))
+
+
+@lru_cache(maxsize=2)
+def _tracer(folder: Path | None, finish: Finish | None) -> SceneTracer:
+    return SceneTracer(scene_at(folder, finish))
+
+
+def scene_checksum(scene: Scene) -> str:
+    """Return the SHA-256 of a scene's triangles and finishes."""
+    checksum = hashlib.sha256()
+    for array in (scene.vertices, scene.faces, scene.face_finish):
+        checksum.update(str(array.shape).encode())
+        checksum.update(array.tobytes())
+    return checksum.hexdigest()
+
+
+@lru_cache(maxsize=4)
+def _sensor_model(
+    sensor: ActiveSensor, settings: SimulatedCellSettings
+) -> StripeSensor | DotSensor:
+    """Return a sensor with the light, the cameras and the decoding of its kind."""
+    projector, stereo = projector_of(sensor), len(sensor.cameras) > 1
+    electronics = DOT_ELECTRONICS if stereo else CameraElectronics()
+    if settings.electrons_per_ms is not None:
+        electronics = replace(electronics, electrons_per_ms=settings.electrons_per_ms)
+    kind, light = (_VISARD, DOT_LIGHT) if stereo else (_COMET, LightModel())
+    # The blur is that of the same pupil: in px it grows with the focal length.
+    longer = projector.camera.fx / projector_of(kind).camera.fx
+    lens = light.projector
+    lens = replace(lens, defocus_px_mm=lens.defocus_px_mm * longer) if longer != 1.0 else lens
+    light = replace(light, projector=lens, lighting=settings.lighting)
+    if stereo and (settings.sequence or settings.fringes):
+        msg = (
+            f"sensor {sensor.name!r} has {len(sensor.cameras)} cameras, which match dots; leave "
+            "out sequence and fringes"
+        )
+        raise InputError(msg)
+    if stereo:
+        pairs = [(each.cameras, each.first_from_camera) for each in (sensor, kind)]
+        depths_mm = MATCHED_MM if pairs[0] == pairs[1] else sensor.working_distance_mm
+        return DotSensor(
+            sensor=sensor, light=light, electronics=electronics, depth_limits_mm=depths_mm
+        )
+    sequence = settings.sequence or default_sequence(projector)
+    if settings.fringes:
+        sequence = fringe_sequence(settings.fringes, projector)
+    return StripeSensor(sensor=sensor, light=light, electronics=electronics, sequence=sequence)
+
+
+def _alike(one: RigidTransform, other: RigidTransform) -> bool:
+    return np.allclose(one.to_matrix(), other.to_matrix(), rtol=0.0, atol=_ROUNDING)

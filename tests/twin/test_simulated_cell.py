@@ -1,0 +1,265 @@
+"""The simulated cell as a driver: poses, settings, and sensors that nobody made a preset of."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exposight.cell import ActiveSensor, ExposureRange, Projector, sensor_preset
+from exposight.errors import FormatError, ImageError, InputError, SensorError
+from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.imaging import (
+    Fringe,
+    GrayCode,
+    PatternSequence,
+    PhaseShift,
+    sequence_named_or_read,
+    sequence_to_toml,
+)
+from exposight.measuring import measure_observations
+from exposight.plans import DepthPlane, MeasuringPlan, plan_from_toml, plan_preset, plan_to_toml
+from exposight.twin import AlignmentErrors, SimulatedCell, SimulatedCellSettings
+
+ROUNDING = 1e-9
+EXACT = AlignmentErrors(photogrammetric_mm=0, photogrammetric_deg=0)
+
+
+# -- poses --------------------------------------------------------------------------------------
+
+
+def test_the_reported_pose_is_the_true_one_with_the_drawn_error(sheet_plan, cell):
+    driver = cell(sheet_plan)
+    view = sheet_plan.views(driver.part)[0]
+    reported = driver.reported_pose(view.camera_from_part, view.name)
+    tcp_from_camera = sheet_plan.sensor.camera_from_tcp.inverse()
+    error = (tcp_from_camera @ reported) @ (tcp_from_camera @ view.camera_from_part).inverse()
+    drawn = driver.alignment(view.name)
+    assert error.to_matrix() == pytest.approx(drawn.reported_from_true.to_matrix(), abs=ROUNDING)
+    assert drawn.error_mm > 0
+
+
+def test_a_planned_pose_and_the_same_pose_unplanned_agree(sheet_plan, cell):
+    planned = cell(sheet_plan)
+    view = sheet_plan.views(planned.part)[1]
+    unplanned = SimulatedCell(sheet_plan.sensor, planned.settings, seed=sheet_plan.seed)
+    poses = [each.reported_pose(view.camera_from_part, view.name) for each in (planned, unplanned)]
+    assert poses[0].to_matrix() == pytest.approx(poses[1].to_matrix(), abs=ROUNDING)
+
+
+def test_without_error_both_poses_are_one(sheet_plan, cell):
+    driver = cell(sheet_plan, alignment=EXACT, kinematic_share={})
+    view = sheet_plan.views(driver.part)[0]
+    assert driver.reported_pose(view.camera_from_part, view.name) == view.camera_from_part
+    notes = driver.alignment(view.name).notes
+    assert notes == "aligned by photogrammetry, wrong by 0.000 mm and 0.0000°"
+
+
+def test_some_near_views_and_no_others_are_aligned_by_kinematics():
+    plan = plan_preset("x")
+    driver = SimulatedCell(plan.sensor, SimulatedCellSettings.of_plan(plan), seed=plan.seed)
+    views = [name for plane in plan.planes for name, _ in plane.positions()]
+    by_kinematics = [v for v in views if driver.alignment(v).aligned_by == "kinematics"]
+    assert 0 < len(by_kinematics) < 16
+    assert all(name.startswith("near-") for name in by_kinematics)
+
+
+def test_the_cell_is_small_for_other_processes(sheet_plan, cell):
+    driver = cell(sheet_plan)
+    view = sheet_plan.views(driver.part)[0]
+    before = driver.capture(30.0, view.camera_from_part, view=view.name)
+    content = pickle.dumps(driver)
+    assert len(content) < 20_000
+    after = pickle.loads(content).capture(30.0, view.camera_from_part, view=view.name)
+    assert np.array_equal(before.image, after.image)
+    assert np.array_equal(before.cloud.points, after.cloud.points)
+
+
+# -- settings -----------------------------------------------------------------------------------
+
+SETTINGS = SimulatedCellSettings(
+    lighting="II",
+    alignment=AlignmentErrors(kinematic_max_mm=3.0),
+    kinematic_share={"near": 0.5},
+    finish="paint",
+    sequence=sequence_named_or_read("board"),
+    electrons_per_ms=1e8,
+    rings_only=False,
+    raw_frames=True,
+)
+
+
+def test_settings_survive_in_a_plans_file(sheet_plan):
+    plan = replace(sheet_plan, simulated=SETTINGS.table())
+    again = plan_from_toml(plan_to_toml(plan))
+    assert SimulatedCellSettings.of_plan(again) == SETTINGS
+    assert SimulatedCellSettings.of_plan(replace(plan, simulated={})) == SimulatedCellSettings()
+
+
+def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
+    (tmp_path / "mine.toml").write_text(sequence_to_toml(sequence_named_or_read("board")))
+    plan = replace(sheet_plan, simulated={"sequence": "mine.toml", "scene": "part"})
+    settings = SimulatedCellSettings.of_plan(plan, tmp_path)
+    assert settings.sequence == sequence_named_or_read("board")
+    assert settings.scene == tmp_path / "part"
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"wheather": "II"}, r"plan 'sheet', \[simulated\]: key 'wheather' is unknown"),
+        ({"lighting": "IV"}, "'lighting': expected 'I', 'II' or 'III', got \"IV\""),
+        ({"finish": "gold"}, "'finish': expected 'bare', 'primer', .*, got \"gold\""),
+        ({"alignment": {"kinematic_mm": 1}}, r"alignment\.kinematic_mm' is unknown"),
+        ({"alignment": {"kinematic_max_mm": -3}}, "kinematic_max_mm must be a number from 0 up"),
+        ({"kinematic_share": {"near": 2}}, "kinematic_share of 'near' must be from 0 to 1, got 2"),
+        ({"sequence": "webcam"}, "no pattern sequence 'webcam'"),
+        ({"sequence": {"name": "x"}}, "sequence.projector_width' is missing"),
+        ({"sequence": "board", "fringes": [1, 8]}, "exclude each other"),
+    ],
+)
+def test_a_wrong_setting_is_named(sheet_plan, table, message):
+    with pytest.raises((InputError, FormatError), match=message):
+        SimulatedCellSettings.of_plan(replace(sheet_plan, simulated=table))
+
+
+def test_another_finish_is_another_cell(sheet_plan, cell):
+    primer, bare = (cell(sheet_plan, finish=finish) for finish in (None, "bare"))
+    assert primer.description()["scene_sha256"] != bare.description()["scene_sha256"]
+    assert (bare.scene.face_finish == 0).all()
+    assert json.loads(json.dumps(bare.description())) == bare.description()
+
+
+# -- any sensor ---------------------------------------------------------------------------------
+
+
+def _camera(width: int, height: int, focal_px: float, *distortion: float) -> PinholeCamera:
+    return PinholeCamera(
+        width=width,
+        height=height,
+        fx=focal_px,
+        fy=focal_px * 1.01,
+        cx=width / 2 - 3,
+        cy=height / 2 + 2,
+        distortion=distortion,
+    )
+
+
+def _odd_sensor(n_cameras: int = 1) -> ActiveSensor:
+    """Small images, lens distortion, a projector of odd size and place."""
+    lamp = _camera(608, 342, 700.0, 0.03, -0.01, 0.0, 0.0005)
+    second = RigidTransform.from_fanuc_wpr((60.0, 0.5, 1.0), 0.1, -1.0, 0.2)
+    return ActiveSensor(
+        name="odd",
+        cameras=(_camera(320, 240, 560.0, -0.1, 0.05, 0.001, -0.0005),) * n_cameras,
+        first_from_camera=(RigidTransform(), second)[:n_cameras],
+        projector=Projector(
+            camera=lamp,
+            camera_from_projector=RigidTransform.from_fanuc_wpr((130, -8, 20), 1.0, -18.0, 2.0),
+        ),
+        camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, 400.0])),
+        exposure=ExposureRange(min_ms=0.5, max_ms=200.0, increment_ms=0.1),
+        working_distance_mm=(300.0, 520.0),
+    )
+
+
+def _odd_plan(sensor: ActiveSensor, exposure_ms: float, **simulated: object) -> MeasuringPlan:
+    plane = DepthPlane(
+        name="middle", z_tcp_mm=5.0, x_mm=(-20.0,), y_mm=(-8.0,), exposures_ms=(exposure_ms,)
+    )
+    return MeasuringPlan(
+        name="odd",
+        sensor=sensor,
+        features=("h0", "h1"),
+        reference="h0",
+        planes=(plane,),
+        simulated=simulated,
+    )
+
+
+def _odd_sequence(**coding: object) -> PatternSequence:
+    return PatternSequence(name="odd", projector_width=608, projector_height=342, **coding)
+
+
+_BITS = GrayCode(frames=tuple(range(2, 12)), code_width=1)
+_GRAY_AND_FRINGES = PhaseShift(
+    fringes=(Fringe(periods=32, frames=(8, 9, 10)),),
+    gray_code=GrayCode(frames=tuple(range(2, 8)), code_width=19),
+)
+_BOTH_AXES = {
+    "columns": PhaseShift(
+        fringes=(
+            Fringe(periods=1, frames=(0, 1, 2)),
+            Fringe(periods=5, frames=(3, 4, 5)),
+            Fringe(periods=23, frames=(6, 7, 8)),
+        )
+    ),
+    "rows": PhaseShift(
+        fringes=(Fringe(periods=1, frames=(9, 10, 11)), Fringe(periods=9, frames=(12, 13, 14)))
+    ),
+}
+PATTERNS = {
+    "default": {},
+    "fringes": {"fringes": (1, 5, 23)},
+    "Gray code": {"sequence": _odd_sequence(columns=_BITS, white_frame=0, black_frame=1)},
+    "Gray code and fringes": {
+        "sequence": _odd_sequence(columns=_GRAY_AND_FRINGES, white_frame=0, black_frame=1)
+    },
+    "columns and rows": {"sequence": _odd_sequence(**_BOTH_AXES)},
+}
+
+
+@pytest.mark.parametrize("patterns", PATTERNS)
+def test_a_sensor_of_ones_own_sees_its_rings_whole(cell, patterns):
+    plan = _odd_plan(_odd_sensor(), 40.0)
+    driver = cell(plan, rings_only=False, **PATTERNS[patterns])
+    table = measure_observations(plan, driver)
+    p_norm, i_avg = table.array(["p_norm", "i_avg"]).T
+    assert p_norm == pytest.approx(1.0, abs=0.06), (p_norm, i_avg)
+    view = plan.views(driver.part)[0]
+    cloud = driver.capture(40.0, view.camera_from_part, view=view.name).cloud
+    points = view.camera_from_part.inverse().apply(cloud.valid_points)
+    on_sheet = np.abs(points[:, :2]).max(axis=1) < 40
+    assert np.median(np.abs(points[on_sheet, 2])) < 0.4  # the sheet's front is z = 0
+
+
+def test_rings_only_give_the_same_with_ones_own_fringes(cell):
+    plan = _odd_plan(_odd_sensor(), 40.0)
+    tables = [
+        measure_observations(plan, cell(plan, rings_only=rings_only, fringes=(1, 5, 23))).frame
+        for rings_only in (False, True)
+    ]
+    assert tables[0].equals(tables[1])
+
+
+def test_a_stereo_sensor_of_ones_own_sees_its_rings(cell):
+    plan = _odd_plan(_odd_sensor(2), 3.0)
+    table = measure_observations(plan, cell(plan, rings_only=False))
+    assert table.frame["p_norm"].min() > 0.8, table.frame
+
+
+def test_what_a_sensor_cannot_do_is_said(cell):
+    plan, stereo = _odd_plan(_odd_sensor(), 5.0), _odd_plan(_odd_sensor(2), 5.0)
+    with pytest.raises(SensorError, match="'odd' has no projector"):
+        cell(replace(plan, sensor=replace(plan.sensor, projector=None)))
+    with pytest.raises(SensorError, match="608 × 342 px, the stripes 1024 × 768"):
+        cell(plan, sequence=sequence_named_or_read("board"))
+    with pytest.raises(InputError, match="'odd' decodes Gray code in whole images"):
+        cell(plan, **PATTERNS["Gray code"])
+    with pytest.raises(InputError, match="'odd' matches whole images"):
+        cell(stereo)
+    with pytest.raises(InputError, match="leave out sequence and fringes"):
+        cell(stereo, fringes=(1, 8), rings_only=False)
+    with pytest.raises(ImageError, match="coarsest fringe must have one period"):
+        cell(plan, fringes=(2, 8))
+    deep = replace(PATTERNS["columns and rows"]["sequence"], bit_depth=12)
+    with pytest.raises(ImageError, match="frames of 8 bits, sequence 'odd' has 12"):
+        cell(plan, sequence=deep)
+
+
+def test_the_presets_are_simulated_as_before():
+    """The light of the paper's sensors does not depend on how others are scaled."""
+    for name, defocus in (("comet-pro-ae", 3000.0), ("rc-visard-65", 480.0)):
+        model = SimulatedCell(sensor_preset(name))._model
+        assert model.light.projector.defocus_px_mm == defocus
