@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import polars as pl
 from cyclopts import Group, Parameter
 
@@ -234,11 +235,16 @@ def _over_time(forecast: Forecast) -> Table:
 
 def _drawn(forecast: Forecast, suffix: str) -> bytes:
     """Draw the forecast of every feature, in a panel of its own."""
+    from exposight.report.palette import ACCENT
     from exposight.report.stills import draw_still, plain_axes  # takes seconds to import
 
     columns = min(_PANELS, len(forecast.features))
     rows = -(-len(forecast.features) // columns)
     low, high = forecast.p_norm_band
+    shortest, longest = min(forecast.exposures_ms), max(forecast.exposures_ms)
+    decades = [(1, 2, 5), (1, 3), (1,)][min(2, int(np.log10(longest / shortest)))]
+    ticks = [step * 10.0**power for power in range(-3, 5) for step in decades]
+    ticks = [tick for tick in ticks if shortest <= tick <= longest]
     time, quality = QUANTITIES["exposure_ms"], QUANTITIES["p_norm"]
 
     def draw(figure: Figure) -> None:
@@ -248,10 +254,12 @@ def _drawn(forecast: Forecast, suffix: str) -> bytes:
                 axes.set_axis_off()
                 continue
             axes.fill_between(forecast.exposures_ms, low[i], high[i], color="#cfe1e5", lw=0)
-            axes.plot(forecast.exposures_ms, forecast.p_norm[i])
+            axes.plot(forecast.exposures_ms, forecast.p_norm[i], color=ACCENT)
             lowest, first = i >= len(forecast.features) - columns, i % columns == 0
             plain_axes(axes, time.axis_math * lowest, quality.axis_math * first)
             axes.set(xscale="log", ylim=(-0.05, 1.1), title=forecast.features[i])
+            axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            axes.minorticks_off()
 
     still = draw_still("forecast", "Forecast", (2.0 * columns + 0.6, 1.5 * rows + 0.6), draw)
     return still.png if suffix == ".png" else still.svg
