@@ -22,10 +22,10 @@ def evaluate_command(
 ) -> Result:
     """Evaluate models on held-out observations.
 
-    R², mean squared error (MSE), its root (RMSE) and mean absolute error (MAE), for all rows and
-    for those inside the range of the training data; beyond it, a model extrapolates. The last
-    columns are the shares of observations within one and two predicted standard deviations, ideally
-    68.3 and 95.4 %.
+    R², root mean squared error (RMSE) and mean absolute error (MAE), for all rows and for those
+    inside the range of the training data; beyond it, a model extrapolates. The last columns are the
+    shares of observations within one and two predicted standard deviations, ideally 68.3 and
+    95.4 %.
 
     For example:
 
