@@ -63,6 +63,7 @@ def contents(folder):
     return {path.relative_to(folder): path.read_bytes() for path in paths}
 
 
+@pytest.mark.slow
 def test_it_writes_page_tables_and_figures(first, call):
     output = call[0]
     names = {str(path) for path in contents(output)}
@@ -76,6 +77,7 @@ def test_it_writes_page_tables_and_figures(first, call):
     assert first["files"][0]["path"] == str(output / "report.html")
 
 
+@pytest.mark.slow
 def test_the_document_has_scores_and_findings(first):
     assert not first["simulated"]
     assert first["findings_true"] + first["findings_false"] + first["findings_open"] == len(
@@ -86,6 +88,7 @@ def test_the_document_has_scores_and_findings(first):
     assert lines["e_k1", "test"]["r2_percent"] < 100
 
 
+@pytest.mark.slow
 def test_again_uses_what_is_there_and_gives_the_same_bytes(first, call, run):
     output, words = call
     before = contents(output)

@@ -19,26 +19,26 @@ def split(observations, run_json, tmp_path_factory):
 
 
 def test_no_feature_is_on_both_sides(split):
-    told, train, test = split("--by", "feature", "--share", 0.25)
+    told, train, test = split("--by", "feature", "--test-share", 0.25)
     assert not set(train.names("feature")) & set(test.names("feature"))
     assert told["test_features"] == sorted(set(test.names("feature")))
     assert [side["rows"] for side in told["sides"]] == [len(train), len(test)]
 
 
 def test_no_view_is_on_both_sides(split):
-    _, train, test = split("--by", "view", "--share", 0.3)
+    _, train, test = split("--by", "view", "--test-share", 0.3)
     assert not set(train.names("view")) & set(test.names("view"))
     assert set(train.names("feature")) == set(test.names("feature"))
 
 
 def test_rows_are_counted_as_in_the_paper(split, observations):
-    _, train, test = split("--by", "row", "--share", 0.2)
+    _, train, test = split("--by", "row", "--test-share", 0.2)
     assert len(train) == int(0.8 * len(read_observations(observations)))
     assert len(train) + len(test) == 234
 
 
 def test_every_row_is_on_one_side_as_it_was(split, observations):
-    _, train, test = split("--by", "view", "--share", 0.5)
+    _, train, test = split("--by", "view", "--test-share", 0.5)
     whole = read_observations(observations).frame
     both = pl.concat([train.frame, test.frame])
     keys = ["feature", "view", "exposure_ms"]
@@ -46,7 +46,7 @@ def test_every_row_is_on_one_side_as_it_was(split, observations):
 
 
 def test_the_seed_decides(split):
-    words = ("--by", "feature", "--share", 0.4, "--seed")
+    words = ("--by", "feature", "--test-share", 0.4, "--seed")
     first, again, other = (split(*words, seed)[2] for seed in (1, 1, 5))
     assert first.frame.equals(again.frame)
     assert set(first.names("feature")) != set(other.names("feature"))
@@ -60,7 +60,7 @@ def test_parquet_stays_parquet(observations, run_json, tmp_path):
 
 
 def test_people_are_told_what_tests_and_what_comes_next(observations, run, tmp_path):
-    shown = run("split", observations, "-o", tmp_path / "a b", "--share", 0.1).stdout
+    shown = run("split", observations, "-o", tmp_path / "a b", "--test-share", 0.1).stdout
     test = read_observations(tmp_path / "a b" / "test.csv")
     assert test.names("feature")[0] in shown
     assert f"next: exposight train '{tmp_path}/a b/train.csv'" in shown
@@ -72,9 +72,9 @@ def test_rows_split_at_random_flatter(observations, run, tmp_path):
 
 
 def test_an_empty_side_is_refused(observations, run, tmp_path):
-    result = run("split", observations, "-o", tmp_path / "out", "--by", "view", "--share", 0.9)
+    result = run("split", observations, "-o", tmp_path / "out", "--by", "view", "--test-share", 0.9)
     assert result.exit_code == 1
-    assert "a share of 0.9 of 3 views leaves no view to train" in result.stderr
+    assert "a share of 0.1 of 3 views leaves no view to train" in result.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -84,7 +84,7 @@ def test_a_table_of_one_feature_cannot_be_split_by_features(observations, run, t
     table.where(table.names("feature") == "h01").write(path)
     result = run("split", path, "-o", tmp_path / "out")
     assert result.exit_code == 1
-    assert "a share of 0.2 of 1 feature leaves no feature to train or none to test" in result.stderr
+    assert "a share of 0.8 of 1 feature leaves no feature to train or none to test" in result.stderr
 
 
 def test_a_side_without_a_measured_row_is_refused(observations, run, tmp_path):
@@ -92,13 +92,13 @@ def test_a_side_without_a_measured_row_is_refused(observations, run, tmp_path):
     table = read_observations(observations)
     names = table.names("feature")
     table.where((names == "far") | (names == "h01")).write(path)
-    result = run("split", path, "-o", tmp_path / "out", "--share", 0.5)
+    result = run("split", path, "-o", tmp_path / "out", "--test-share", 0.5)
     assert result.exit_code == 1
-    assert "hold no measured observation; take another --seed or --share" in result.stderr
+    assert "hold no measured observation; choose another seed or share" in result.stderr
 
 
 @pytest.mark.parametrize("share", [0, 1, -0.1, 20])
 def test_a_share_that_is_none(share, observations, run, tmp_path):
-    result = run("split", observations, "-o", tmp_path, "--share", share)
-    assert result.exit_code == 1
-    assert "between 0 and 1, such as 0.2" in result.stderr
+    result = run("split", observations, "-o", tmp_path, "--test-share", share)
+    assert result.exit_code == 2
+    assert "--test-share" in result.stderr
