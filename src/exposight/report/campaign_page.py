@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from exposight.models import Predictor
 
 _STAGE = "writing the report"
-_CLOSE_UPS = 6
+_CLOSE_UPS = 4
 _TARGETS = ("p_norm", "exposure_ms")
 
 
@@ -125,7 +125,7 @@ class CampaignReport:
             colours=P_NORM_SCALE,
             clipped=CLIPPED,
             missing=NO_POINT,
-            **{"view_words": f"view {view.name}", **self.content},
+            **{"view_words": f"view “{view.name}”", **self.content},
         )
 
     def write(self, folder: str | Path) -> Path:

@@ -42,7 +42,6 @@ _NOT_MEASURED = "#f0f2f4"
 _NAMED = 45
 """More features than these have no names beside their rows."""
 _TICKS_MS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
-_THIN = "rgba(11, 100, 119, 0.35)"
 
 
 def exposure_still(summary: CampaignSummary) -> Still:
@@ -67,7 +66,7 @@ def exposure_still(summary: CampaignSummary) -> Still:
             f"at {summary.exposures_ms[summary.best]:.4g} ms",
         )
         scale = LinearSegmentedColormap.from_list("p_norm", P_NORM_SCALE, bad=_NOT_MEASURED)
-        order = slice(None) if named else np.argsort(np.nanmax(summary.p_norm, axis=1))[::-1]
+        order = slice(None) if named else np.argsort(np.nanmean(summary.p_norm, axis=1))[::-1]
         image = map_.imshow(
             summary.p_norm[order], cmap=scale, vmin=0, vmax=1, aspect="auto",
             interpolation="nearest",
@@ -139,13 +138,18 @@ def choice_plot(view: ShownView, unseen: frozenset[str]) -> Plot | None:
     if view.forecast is None:
         return None
     choice = view.forecast.choice
+    opacity = 0.35 if len(choice.features) <= _NAMED else 0.12
     drawing = go.Figure()
     for name, p_norm in zip(choice.features, choice.p_norm, strict=True):
         drawing.add_scatter(
             x=choice.exposures_ms,
             y=p_norm.astype(np.float32),
             mode="lines",
-            line={"color": _THIN, "width": 1.4, "dash": "dot" if name in unseen else "solid"},
+            line={
+                "color": f"rgba(11, 100, 119, {opacity})",
+                "width": 1.4,
+                "dash": "dot" if name in unseen else "solid",
+            },
             name=feature_title(name, unseen),
             hovertemplate="%{y:.2f} at %{x:.4g} ms",
             showlegend=False,
@@ -186,12 +190,16 @@ def forecast_still(view: ShownView, unseen: frozenset[str]) -> Still | None:
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(view.exposures_ms), sharex=True, sharey=True, squeeze=False)
         for index, axes in enumerate(panels[0]):
+            order = places if named else np.argsort(view.p_norm[:, index])[::-1]
             axes.errorbar(
-                taken.p_norm[:, index], places, xerr=2 * taken.p_norm_std[:, index], fmt="o",
-                color=ACCENT, ecolor="#7fb1bb", elinewidth=4 if named else 1, markersize=5,
-                label="predicted ± 2σ",
+                taken.p_norm[order, index], places, xerr=2 * taken.p_norm_std[order, index],
+                fmt="o", color=ACCENT, ecolor="#7fb1bb", elinewidth=4 if named else 0.6,
+                markersize=5 if named else 2, label="predicted ± 2σ",
             )  # fmt: skip
-            axes.plot(view.p_norm[:, index], places, "D", color=INK, markersize=5, label="measured")
+            axes.plot(
+                view.p_norm[order, index], places, "D", color=INK, markersize=5 if named else 2,
+                label="measured",
+            )  # fmt: skip
             plain_axes(axes, QUANTITIES["p_norm"].axis_math, "")
             axes.set_xlim(-0.7, 1.7)
             axes.set_xticks([0, 0.5, 1])

@@ -40,6 +40,8 @@ _STRAY_SHARE = 0.005
 """Share of a cloud's points on each side that is left out: strays on the background."""
 _NAMED = 30
 """More features than these are told apart by pointing at them alone."""
+_TALL = 1.45
+"""How much further away a part is seen that is as high as it is wide."""
 _CAMERA = {"eye": {"x": -0.35, "y": -1.15, "z": 0.32}, "center": {"x": 0.0, "y": 0.0, "z": -0.05}}
 
 # Lengths as shares of the largest extent of what is shown.
@@ -116,7 +118,7 @@ def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) ->
     reach = np.concatenate([centres + view.radii_mm[:, None], centres - view.radii_mm[:, None]])
     shown = reach if surface is None else surface
     extent = float(np.ptp(shown, axis=0).max())
-    if view.sensor is not None:
+    if mesh is not None:
         _add_image_border(drawing, view, float(np.median(centres[:, 2])) - 2 * _LIFT * extent)
     if len(view.features) <= _NAMED:
         _add_names(drawing, view, centres, extent, unseen)
@@ -143,7 +145,10 @@ def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) ->
                 visible=f"{kind}-{index}" == first,
             )
     drawing.update_layout(
-        layout(margin={"l": 0, "r": 0, "t": 0, "b": 0}, scene=scene(shown, _CAMERA, depth_ticks=2))
+        layout(
+            margin={"l": 0, "r": 0, "t": 0, "b": 0},
+            scene=scene(shown, _camera(shown), depth_ticks=2),
+        )
     )
     return Plot.of(
         "part",
@@ -196,6 +201,13 @@ def shading(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[
     lit = normals @ (_LIGHT / np.linalg.norm(_LIGHT)) / np.maximum(lengths, 1e-12)
     shade = 0.5 + _CONTRAST * (lit - np.median(lit)) / 2
     return np.asarray(np.clip(shade, 0.0, 1.0), dtype=np.float32)
+
+
+def _camera(points: NDArray[np.float32]) -> dict[str, dict[str, float]]:
+    """Return a camera from which points are seen whole: further away from tall ones."""
+    width, height, _ = np.ptp(points, axis=0)
+    away = max(1.0, _TALL * float(height / max(width, height)))
+    return {**_CAMERA, "eye": {axis: away * place for axis, place in _CAMERA["eye"].items()}}
 
 
 def _triangles(faces: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:

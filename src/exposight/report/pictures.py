@@ -34,7 +34,7 @@ _RING, _HALO = 1 / 270, 1 / 145
 """Widths of a ring and of the white round it, as shares of the picture's width."""
 _NAMED = 30
 """More features than these are shown without names, their rings as thin as they are."""
-_FILL_OPACITY, _EDGE_OPACITY = 0.3, 0.95
+_FILL_OPACITY, _EDGE_OPACITY = 0.15, 0.95
 _CLOSE_PX = 340
 _CLOSE_MARGIN_PX = 14
 _LINE_PX, _CLOSE_HALO_PX = 2, 5
