@@ -40,7 +40,7 @@ _STRAY_SHARE = 0.005
 """Share of a cloud's points on each side that is left out: strays on the background."""
 _NAMED = 30
 """More features than these are told apart by pointing at them alone."""
-_TALL = 1.45
+_TALL = 1.25
 """How much further away a part is seen that is as high as it is wide."""
 _CAMERA = {"eye": {"x": -0.35, "y": -1.15, "z": 0.32}, "center": {"x": 0.0, "y": 0.0, "z": -0.05}}
 
