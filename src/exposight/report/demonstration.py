@@ -287,7 +287,7 @@ def _report(
                 "frame; whole frames",
             ),
             ("seed", f"{settings.seed} (noise, alignment errors, restarts)"),
-            ("optimiser", f"{settings.restarts} starts for each model"),
+            ("starts of the optimiser for each model", str(settings.restarts)),
             *sensor_facts(campaign.sensor),
         ),
         template="demonstration.html",
