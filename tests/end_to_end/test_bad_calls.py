@@ -220,7 +220,7 @@ def test_a_missing_campaign(tmp_path, failing):
 
 
 def test_a_folder_that_is_no_campaign(tmp_path, failing):
-    assert "is no campaign" in failing("observe", tmp_path)
+    assert "campaign.json" in failing("observe", tmp_path)
 
 
 def test_an_unknown_sequence(tmp_path, failing):
