@@ -96,7 +96,7 @@ class CampaignSummary:
     @property
     def failing(self) -> tuple[FeatureSummary, ...]:
         """Features that stay below `P_NORM_MIN` at every exposure time."""
-        return tuple(own for own in self.features if own.p_norm < P_NORM_MIN)
+        return tuple(feature for feature in self.features if feature.p_norm < P_NORM_MIN)
 
 
 def summarise(table: ObservationTable) -> CampaignSummary:
@@ -202,10 +202,14 @@ def evaluate_models(
         others, which trained them. Without any they are evaluated on the whole table.
     """
     if not unseen:
-        return tuple(ModelResult(model=own, evaluation=evaluate(own, table)) for own in models)
+        return tuple(
+            ModelResult(model=model, evaluation=evaluate(model, table)) for model in models
+        )
     apart = np.isin(table.names("feature"), list(unseen))
     held_out, known = table.where(apart), table.where(~apart)
     return tuple(
-        ModelResult(model=own, evaluation=evaluate(own, held_out), training=evaluate(own, known))
-        for own in models
+        ModelResult(
+            model=model, evaluation=evaluate(model, held_out), training=evaluate(model, known)
+        )
+        for model in models
     )

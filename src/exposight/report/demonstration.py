@@ -263,7 +263,7 @@ def _report(
     results = evaluate_models(models, table, unseen)
     times = summary.exposures_ms
     x, y, z = next(where for _, where in _NEW_POSITION.positions())
-    trained = [own.name for own in summary.features if own.name not in unseen]
+    trained = [feature.name for feature in summary.features if feature.name not in unseen]
     return CampaignReport(
         title="A simulated car door: point-cloud quality and exposure time, predicted",
         lead="Demonstration of exposight on a car door in a simulated measuring cell.",
@@ -295,7 +295,7 @@ def _report(
             "view_words": "the new view",
             "view_title": "A new view, at three exposure times",
             "trained": trained,
-            "model_scores": {own.name: own.evaluation.score for own in results},
+            "model_scores": {result.name: result.evaluation.score for result in results},
             "command": "exposight demo"
             + ("" if plan.name == DemonstrationSettings().plan.name else " --quick")
             + f" --seed {settings.seed}",

@@ -46,7 +46,7 @@ _TICKS_MS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
 
 def exposure_still(summary: CampaignSummary) -> Still:
     """Draw each feature's p_norm at each exposure time, and above how many reach `P_NORM_MIN`."""
-    names = [own.name for own in summary.features]
+    names = [feature.name for feature in summary.features]
     rows, columns = summary.p_norm.shape
     named = rows <= _NAMED
 
@@ -55,7 +55,7 @@ def exposure_still(summary: CampaignSummary) -> Still:
             2, 1, sharex=True, height_ratios=(1.2, max(2.2, 0.19 * rows if named else 4.0))
         )
         places = np.arange(columns)
-        colours = [ACCENT if own == summary.best else "#b9cfd5" for own in places]
+        colours = [ACCENT if place == summary.best else "#b9cfd5" for place in places]
         top.bar(places, summary.good, width=0.82, color=colours)
         top.set_ylim(0, 1.18 * max(1, rows))
         top.axhline(rows, color=MUTED, linewidth=0.8, linestyle=":")
@@ -94,7 +94,7 @@ def brightness_still(
     rows = table.measured()
     values = rows.array(["i_avg", "p_norm", "exposure_ms"])
     apart = np.isin(rows.names("feature"), list(unseen))
-    model = next((own.model for own in results if own.name == _BRIGHTNESS_MODEL), None)
+    model = next((result.model for result in results if result.name == _BRIGHTNESS_MODEL), None)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -126,8 +126,8 @@ def brightness_still(
         axes.set_ylim(-0.05, 1.25)
         plain_axes(axes, QUANTITIES["i_avg"].axis_math, QUANTITIES["p_norm"].axis_math)
         bar = figure.colorbar(dots, label=QUANTITIES["exposure_ms"].axis_math)
-        ticks = [own for own in _TICKS_MS if values[:, 2].min() <= own <= values[:, 2].max()]
-        bar.set_ticks(np.log10(ticks).tolist(), labels=[f"{own:g}" for own in ticks])
+        ticks = [tick for tick in _TICKS_MS if values[:, 2].min() <= tick <= values[:, 2].max()]
+        bar.set_ticks(np.log10(ticks).tolist(), labels=[f"{tick:g}" for tick in ticks])
         figure.legend(loc="outside lower center", ncols=4, markerscale=1.6)
 
     return draw_still("brightness", "Quality over brightness", (8.2, 4.4), draw)
@@ -218,15 +218,15 @@ def forecast_still(view: ShownView, unseen: frozenset[str]) -> Still | None:
 
 def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
     """Draw predicted over observed values, a menu of models; None if none predicts the target."""
-    results = [own for own in results if own.model.target == target]
+    results = [result for result in results if result.model.target == target]
     if not results:
         return None
-    names = [own.name for own in results]
+    names = [result.name for result in results]
     preferred = _PREFERRED.get(target, names[-1])
     chosen = preferred if preferred in names else names[-1]
     shown = quantity(target)
     drawing = go.Figure()
-    observed = np.concatenate([own.evaluation.observed for own in results])
+    observed = np.concatenate([result.evaluation.observed for result in results])
     ends = [min(0.0, float(observed.min())), float(observed.max()) * 1.02]
     drawing.add_scatter(
         x=ends,
@@ -236,9 +236,9 @@ def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
         name="predicted = observed",
         hoverinfo="skip",
     )
-    for own in results:
+    for result in results:
         for inside in (True, False):
-            _add_predictions(drawing, own.evaluation, shown.suffix, own.name, inside, chosen)
+            _add_predictions(drawing, result.evaluation, shown.suffix, result.name, inside, chosen)
     drawing.update_layout(
         layout(
             xaxis=axis(f"observed {shown.axis_html}"), yaxis=axis(f"predicted {shown.axis_html}")
@@ -249,7 +249,8 @@ def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
         drawing,
         menu=f"model of the {shown.name}",
         choices=tuple(
-            Choice(key=own.name, title=f"{own.name} – {own.model.title}") for own in results
+            Choice(key=result.name, title=f"{result.name} – {result.model.title}")
+            for result in results
         ),
         chosen=chosen,
     )

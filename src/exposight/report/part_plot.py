@@ -329,7 +329,7 @@ def label_places(
             (x - away, y, "middle left", (x - away - 2 * half, y - height, x - away, y + height)),
         ]
         others = [*squares[:index], *squares[index + 1 :], *taken]
-        covered = [sum(_overlap(own[3], other) for other in others) for own in candidates]
+        covered = [sum(_overlap(box, other) for other in others) for *_, box in candidates]
         best = candidates[covered.index(min(covered))]
         labels.append((float(best[0]), float(best[1]), best[2]))
         taken.append(best[3])

@@ -143,7 +143,7 @@ def parameter_symbol(kind: str, inputs: Sequence[str]) -> Markup:
     """
     if kind == "variance":
         return Markup("σ²") if inputs else Markup("σ²<sub>n</sub>")
-    of = Markup("({})").format(Markup(", ").join(Markup(quantity(own).html) for own in inputs))
+    of = Markup("({})").format(Markup(", ").join(Markup(quantity(name).html) for name in inputs))
     letter = {"length_scale": "ℓ", "slope_variance": "σ²", "alpha": "α"}.get(kind, kind)
     return escape(letter) + (of if inputs and kind != "alpha" else "")
 

@@ -143,7 +143,7 @@ def show_view(
         i_avg[place], p_norm[place] = values[1:]
     main = int(np.nanmean(p_norm, axis=0).argmax()) if main_ms is None else None
     main_ms = float(times[main]) if main_ms is None else main_ms
-    shown = sorted({_nearest(times, main_ms * own) for own in (1 / _BRACKET, 1.0, _BRACKET)})
+    shown = sorted({_nearest(times, main_ms * factor) for factor in (1 / _BRACKET, 1.0, _BRACKET)})
     first = rows.frame.unique("feature", keep="first", maintain_order=True)
     view = ShownView(
         name=name,
@@ -179,7 +179,7 @@ def _with_captures(view: ShownView, campaign: CaptureSource) -> ShownView:
     if not captures:
         return view
     masks = view_features(campaign.part, campaign.sensor, captures[0].camera_from_part)
-    by_name = {own.feature.name: own for own in masks if own.visibility is Visibility.VISIBLE}
+    by_name = {mask.feature.name: mask for mask in masks if mask.visibility is Visibility.VISIBLE}
     return replace(
         view,
         captures=captures,
@@ -203,7 +203,7 @@ def forecasting_models(models: Sequence[Predictor]) -> SensorModels | None:
         ]
         if not able:
             return None
-        chosen.append(max(able, key=lambda own: (own.name == preferred, len(own.inputs))))
+        chosen.append(max(able, key=lambda model: (model.name == preferred, len(model.inputs))))
     return SensorModels(quality=chosen[0], exposure=chosen[1])
 
 
@@ -228,7 +228,7 @@ def with_forecast(
         models.forecast(view.views),
         models.forecast(view.views, view.exposures_ms),
     )
-    there = np.isfinite(view.p_norm)
+    measured = np.isfinite(view.p_norm)
     return replace(
         view,
         forecast=ViewForecast(
@@ -236,6 +236,6 @@ def with_forecast(
             exposure=models.exposure.name,
             choice=choice,
             taken=taken,
-            score=score(view.p_norm[there], taken.p_norm[there], taken.p_norm_std[there]),
+            score=score(view.p_norm[measured], taken.p_norm[measured], taken.p_norm_std[measured]),
         ),
     )

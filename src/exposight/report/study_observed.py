@@ -48,7 +48,7 @@ def brightness_still(name: str, title: str, data: BrightnessCurves) -> Still:
         for axes in panels.flat[len(names) :]:
             axes.set_visible(False)
         for axes, name in zip(panels.flat, names, strict=False):
-            _brightness_panel(axes, [own for own in data.curves if own.feature == name])
+            _brightness_panel(axes, [curve for curve in data.curves if curve.feature == name])
         for axes in panels.flat:
             axes.label_outer()
 
@@ -94,7 +94,7 @@ def exposure_row_still(name: str, title: str, data: ExposureRow) -> Still:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         # Name and curve in the order in which they end, so that lines and legend read alike.
-        ordered = sorted(data.curves, key=lambda own: -own.slope_ms)
+        ordered = sorted(data.curves, key=lambda curve: -curve.slope_ms)
         for curve, place in zip(ordered, place_styles(len(ordered)), strict=True):
             style = feature_style(curve.feature)
             grey = np.array([0.0, float(curve.i_avg.max())])
@@ -125,20 +125,20 @@ def exposure_row_still(name: str, title: str, data: ExposureRow) -> Still:
 
 def positions_still(name: str, title: str, data: TrainingPositions) -> Still:
     """Draw where the training features stood, seen along and across the sensor's axis (Fig. 21)."""
-    ordered = sorted(data.features, key=lambda own: feature_order(own.feature))
+    ordered = sorted(data.features, key=lambda feature: feature_order(feature.feature))
 
     def draw(figure: Figure) -> None:
         front, side = figure.subplots(1, 2)
-        for own in ordered:
-            style = feature_style(own.feature)
-            x, y, z = own.positions_mm.T
+        for feature in ordered:
+            style = feature_style(feature.feature)
+            x, y, z = feature.positions_mm.T
             dots = {
                 "s": 16,
                 "marker": style.mark,
                 "facecolor": style.colour,
                 "edgecolor": "white",
                 "linewidth": 0.3,
-                "label": f"{own.feature}, {len(x)} views",
+                "label": f"{feature.feature}, {len(x)} views",
             }
             front.scatter(x, y, **dots)
             side.scatter(z, x, **dots)
@@ -166,7 +166,7 @@ def dependence_still(name: str, title: str, data: DependenceMatrix) -> Still:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        colours = LinearSegmentedColormap.from_list("own", DEPENDENCE_SCALE)
+        colours = LinearSegmentedColormap.from_list("scale", DEPENDENCE_SCALE)
         image = axes.imshow(data.values, cmap=colours, vmin=0, vmax=1)
         places = range(len(names))
         axes.set_xticks(places, names)

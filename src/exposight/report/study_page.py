@@ -122,9 +122,9 @@ def write_study(
     pictures = _write_all(
         folder / "figures",
         {
-            f"figure-{own.number:02d}.{suffix}": data
-            for own in drawn
-            for suffix, data in (("png", own.still.png), ("svg", own.still.svg))
+            f"figure-{figure.number:02d}.{suffix}": data
+            for figure in drawn
+            for suffix, data in (("png", figure.still.png), ("svg", figure.still.svg))
         },
     )
     report = folder / "report.html"
@@ -145,11 +145,11 @@ def draw_figures(
 ) -> tuple[DrawnFigure, ...]:
     """Draw the figures that have data, in their order."""
     drawn = []
-    for done, own in enumerate(figures):
+    for done, figure in enumerate(figures):
         progress(_DRAWING, done, len(figures))
-        if own.data is not None:
-            still = _draw(f"figure-{own.number}", own.data)
-            drawn.append(DrawnFigure(number=own.number, data=own.data, still=still))
+        if figure.data is not None:
+            still = _draw(f"figure-{figure.number}", figure.data)
+            drawn.append(DrawnFigure(number=figure.number, data=figure.data, still=still))
     progress(_DRAWING, len(figures), len(figures))
     return tuple(drawn)
 
@@ -217,7 +217,7 @@ def study_page(
         hyperparameters=list(result.tables.hyperparameters.iter_rows(named=True)),
         datasets=list(result.tables.datasets.iter_rows(named=True)),
         figures=drawn,
-        left_out=[own for own in figures if own.data is None],
+        left_out=[figure for figure in figures if figure.data is None],
         facts=_facts(result),
         command=_command(result),
         good=P_NORM_MIN,

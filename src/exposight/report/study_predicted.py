@@ -50,15 +50,15 @@ def kernel_still(name: str, title: str, data: KernelExamples) -> Still:
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(data.examples), sharey=True)
-        for axes, own in zip(panels, data.examples, strict=True):
-            axes.fill_between(
-                own.x, own.mean - 2 * own.std, own.mean + 2 * own.std, label="±2σ", **_BAND
-            )
-            axes.plot(own.x, own.truth, color=INK, linestyle="--", label="truth, x·sin(2πx)")
-            axes.plot(own.x, own.mean, color=ACCENT, label="mean")
-            axes.plot(own.x_train, own.y_train, "o", color=INK, markersize=4, label="observed")
+        for axes, example in zip(panels, data.examples, strict=True):
+            x, mean, std = example.x, example.mean, example.std
+            axes.fill_between(x, mean - 2 * std, mean + 2 * std, label="±2σ", **_BAND)
+            axes.plot(x, example.truth, color=INK, linestyle="--", label="truth, x·sin(2πx)")
+            axes.plot(x, mean, color=ACCENT, label="mean")
+            observed = example.x_train, example.y_train
+            axes.plot(*observed, "o", color=INK, markersize=4, label="observed")
             plain_axes(axes, "x (1)", "f(x) (1)")
-            label_panel(axes, own.kernel)
+            label_panel(axes, example.kernel)
             axes.label_outer()
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
@@ -76,9 +76,9 @@ def best_and_worst_still(name: str, title: str, data: BestAndWorst) -> Still:
         ):
             for axes in row[len(curves) :]:
                 axes.set_visible(False)
-            for place, (axes, own) in enumerate(zip(row, curves, strict=False), start=1):
-                _curve_panel(axes, data, own)
-                label_panel(axes, f"{word} {place}: {own.observed.feature}{_outside_mark(own)}")
+            for place, (axes, curve) in enumerate(zip(row, curves, strict=False), start=1):
+                _curve_panel(axes, data, curve)
+                label_panel(axes, f"{word} {place}: {curve.observed.feature}{_outside_mark(curve)}")
         for axes in panels[:, 1:].flat:
             axes.set_ylabel("")
         for axes in panels[0]:
@@ -93,19 +93,19 @@ def _shares_y(data: BestAndWorst) -> bool:
     return data.target == "p_norm"
 
 
-def _outside_mark(own: PredictedCurve) -> str:
-    return "" if own.inside else " (extrapolated)"
+def _outside_mark(curve: PredictedCurve) -> str:
+    return "" if curve.inside else " (extrapolated)"
 
 
-def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
-    seen, quality = own.observed, data.target == "p_norm"
-    style = feature_style(seen.feature)
-    low, high = own.mean - 2 * own.std, own.mean + 2 * own.std
-    axes.fill_between(own.i_avg, low, high, label="±2σ", **_BAND)
-    axes.plot(own.i_avg, own.mean, color=ACCENT, label=f"{data.variant}, mean")
+def _curve_panel(axes: Axes, data: BestAndWorst, curve: PredictedCurve) -> None:
+    observed, quality = curve.observed, data.target == "p_norm"
+    style = feature_style(observed.feature)
+    low, high = curve.mean - 2 * curve.std, curve.mean + 2 * curve.std
+    axes.fill_between(curve.i_avg, low, high, label="±2σ", **_BAND)
+    axes.plot(curve.i_avg, curve.mean, color=ACCENT, label=f"{data.variant}, mean")
     axes.plot(
-        seen.i_avg,
-        seen.p_norm if quality else seen.exposure_ms,
+        observed.i_avg,
+        observed.p_norm if quality else observed.exposure_ms,
         linestyle="none",
         marker=style.mark,
         markersize=5,
@@ -119,15 +119,16 @@ def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
         axes.set_xlim(0, 255)
         axes.set_xticks(range(0, 256, 50))
         axes.set_ylim(-0.35, 1.75)
-        rmse = f"{100 * own.rmse:.3g} %"
+        rmse = f"{100 * curve.rmse:.3g} %"
     else:
         axes.set_ylim(min(0.0, float(low.min())), 1.3 * float(high.max()))
-        rmse = f"{own.rmse:.3g} ms"
+        rmse = f"{curve.rmse:.3g} ms"
     axes.text(
         0.03,
         0.97,
-        f"x {rounded(seen.x_mm, 0)}, y {rounded(seen.y_mm, 0)}, z {rounded(seen.z_mm, 0)} mm\n"
-        f"RMSE {rmse}, {own.covered} of {len(seen.i_avg)} within 2σ",
+        f"x {rounded(observed.x_mm, 0)}, y {rounded(observed.y_mm, 0)}, "
+        f"z {rounded(observed.z_mm, 0)} mm\n"
+        f"RMSE {rmse}, {curve.covered} of {len(observed.i_avg)} within 2σ",
         transform=axes.transAxes,
         va="top",
         fontsize=7.5,
@@ -137,32 +138,32 @@ def _curve_panel(axes: Axes, data: BestAndWorst, own: PredictedCurve) -> None:
 
 def forecast_still(name: str, title: str, data: CaptureForecast) -> Still:
     """Draw one capture's unseen features: where they are, both predictions, the truth (Fig. 15)."""
-    features = sorted(data.features, key=lambda own: feature_order(own.feature), reverse=True)
+    features = sorted(data.features, key=lambda row: feature_order(row.feature), reverse=True)
 
     def draw(figure: Figure) -> None:
         place, time, quality = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
-        for own in features:
-            _place(place, own)
+        for feature in features:
+            _place(place, feature)
         plain_axes(place, QUANTITIES["x_mm"].axis_math, QUANTITIES["y_mm"].axis_math)
         place.margins(0.25)
         place.set_aspect("equal", adjustable="datalim")
         place.invert_yaxis()
         label_panel(place, f"view {data.view}")
         rows = np.arange(len(features))
-        _bars(time, features, [(own.exposure_mean_ms, own.exposure_std_ms) for own in features])
+        _bars(time, features, [(row.exposure_mean_ms, row.exposure_std_ms) for row in features])
         time.axvline(data.exposure_ms, color=INK, linestyle="--", linewidth=1.0)
         plain_axes(time, QUANTITIES["exposure_ms"].axis_math, "")
         label_panel(time, f"dashed: true, {data.exposure_ms:g} ms")
-        _bars(quality, features, [(own.p_norm_mean, own.p_norm_std) for own in features])
-        for row, own in zip(rows, features, strict=True):
-            style = feature_style(own.feature)
+        _bars(quality, features, [(row.p_norm_mean, row.p_norm_std) for row in features])
+        for row, feature in zip(rows, features, strict=True):
+            style = feature_style(feature.feature)
             quality.plot(
-                own.p_norm, row, style.mark, color=style.colour, markersize=6, zorder=4,
+                feature.p_norm, row, style.mark, color=style.colour, markersize=6, zorder=4,
                 markerfacecolor="white", markeredgewidth=1.5,
             )  # fmt: skip
         plain_axes(quality, QUANTITIES["p_norm"].axis_math, "")
         label_panel(quality, "measured: open marks")
-        time.set_yticks(rows, [_row_name(own) for own in features])
+        time.set_yticks(rows, [_row_name(feature) for feature in features])
         quality.set_yticks(rows, ["" for _ in rows])
         for axes in (time, quality):
             axes.set_ylim(-0.6, len(features) - 0.4)
@@ -170,27 +171,27 @@ def forecast_still(name: str, title: str, data: CaptureForecast) -> Still:
     return draw_still(name, title, (8.4, 2.9), draw)
 
 
-def _row_name(own: FeatureForecast) -> str:
-    note = "" if own.p_norm >= P_NORM_MIN else f"\n{QUANTITIES['p_norm'].math} < {P_NORM_MIN:g}"
-    return f"{own.feature}\n{QUANTITIES['i_avg'].math} {own.i_avg:.0f}{note}"
+def _row_name(feature: FeatureForecast) -> str:
+    note = "" if feature.p_norm >= P_NORM_MIN else f"\n{QUANTITIES['p_norm'].math} < {P_NORM_MIN:g}"
+    return f"{feature.feature}\n{QUANTITIES['i_avg'].math} {feature.i_avg:.0f}{note}"
 
 
-def _place(axes: Axes, own: FeatureForecast) -> None:
-    style = feature_style(own.feature)
+def _place(axes: Axes, feature: FeatureForecast) -> None:
+    style = feature_style(feature.feature)
     ring = Circle(
-        (own.x_mm, own.y_mm),
-        own.radius_mm,
+        (feature.x_mm, feature.y_mm),
+        feature.radius_mm,
         facecolor="none",
         edgecolor=style.colour,
         linewidth=2,
-        linestyle="-" if own.inside else ":",
+        linestyle="-" if feature.inside else ":",
     )
     axes.add_patch(ring)
-    axes.plot(own.x_mm, own.y_mm, style.mark, color=style.colour, markersize=3.5)
+    axes.plot(feature.x_mm, feature.y_mm, style.mark, color=style.colour, markersize=3.5)
     axes.annotate(
-        own.feature + ("" if own.inside else "\nextrapolated"),
-        (own.x_mm, own.y_mm),
-        xytext=(0, -9 - 0.35 * own.radius_mm),
+        feature.feature + ("" if feature.inside else "\nextrapolated"),
+        (feature.x_mm, feature.y_mm),
+        xytext=(0, -9 - 0.35 * feature.radius_mm),
         textcoords="offset points",
         ha="center",
         va="top",
@@ -199,13 +200,13 @@ def _place(axes: Axes, own: FeatureForecast) -> None:
 
 
 def _bars(axes: Axes, features: list[FeatureForecast], values: list[tuple[float, float]]) -> None:
-    for row, (own, (mean, std)) in enumerate(zip(features, values, strict=True)):
+    for row, (feature, (mean, std)) in enumerate(zip(features, values, strict=True)):
         axes.errorbar(
             mean,
             row,
             xerr=2 * std,
             fmt="|",
-            color=ACCENT if own.inside else OUTSIDE,
+            color=ACCENT if feature.inside else OUTSIDE,
             markersize=11,
             markeredgewidth=2.2,
             elinewidth=1.4,
@@ -237,7 +238,7 @@ def _block(
     shown = "2σ of a new observation’s" if is_spread else "mean"
     figure.suptitle(f"{shown} {QUANTITIES[data.target].axis_math}")
     scale = SPREAD_SCALE if is_spread else P_NORM_SCALE if quality else EXPOSURE_SCALE
-    colours = LinearSegmentedColormap.from_list("own", scale)
+    colours = LinearSegmentedColormap.from_list("scale", scale)
     panels = figure.subplots(len(data.i_avg), len(data.z_mm), sharex=True, sharey=True)
     # y points down in the camera's frame, as rows do in an image
     extent = float(data.x_mm[0]), float(data.x_mm[-1]), float(data.y_mm[-1]), float(data.y_mm[0])
