@@ -11,7 +11,7 @@ import pytest
 
 from exposight.cell import CampaignFolder, CampaignWriter
 from exposight.errors import MissingFileError
-from exposight.files.durable import is_unfinished
+from exposight.files import is_unfinished
 
 EXPOSURES = (20.0, 10.0)
 

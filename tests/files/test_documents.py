@@ -9,7 +9,7 @@ import pytest
 from pydantic import Discriminator, Field, Tag
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
-from exposight.files.documents import DocumentFormat, StoredAs, validate
+from exposight.files import DocumentFormat, StoredAs, validate
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from exposight.errors import FileError
-from exposight.files.durable import durable_folder, is_unfinished, sweep_unfinished, write_durably
+from exposight.files import durable_folder, is_unfinished, sweep_unfinished, write_durably
 
 
 @pytest.fixture

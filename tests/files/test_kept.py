@@ -1,7 +1,7 @@
 import pytest
 
 from exposight.errors import FileError
-from exposight.files.kept import KeptFiles
+from exposight.files import KeptFiles
 
 
 def test_a_file_is_found_while_what_decides_it_is_the_same(tmp_path):

@@ -3,7 +3,7 @@ import hashlib
 import pytest
 
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
-from exposight.files.reading import read_bytes, read_text, read_verified
+from exposight.files import read_bytes, read_text, read_verified
 
 
 def test_what_cannot_be_read_is_named(tmp_path):

@@ -29,10 +29,19 @@ from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
-from exposight.files.documents import DocumentFormat, alike, sha256_of
-from exposight.files.durable import is_unfinished, make_folder, sweep_unfinished, write_durably
-from exposight.files.lock import WRITER_LOCK, hold_writer_lock
-from exposight.files.reading import read_bytes, read_verified
+from exposight.files import (
+    WRITER_LOCK,
+    DocumentFormat,
+    alike,
+    hold_writer_lock,
+    is_unfinished,
+    make_folder,
+    read_bytes,
+    read_verified,
+    sha256_of,
+    sweep_unfinished,
+    write_durably,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

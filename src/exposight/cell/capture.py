@@ -18,9 +18,7 @@ from exposight.cell.cloud import Cloud
 from exposight.cell.image import GREY_MAX, Image, check_levels, full_scale, png_bytes
 from exposight.cell.sensor import StoredPose
 from exposight.errors import CloudError, FormatError, ImageError, InputError
-from exposight.files.documents import DocumentFormat, sha256_of
-from exposight.files.durable import durable_folder
-from exposight.files.reading import read_bytes, read_verified
+from exposight.files import DocumentFormat, durable_folder, read_bytes, read_verified, sha256_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

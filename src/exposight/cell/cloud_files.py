@@ -22,9 +22,7 @@ from pypcd4.pypcd4 import Encoding, PointCloud
 from exposight.cell.cloud import Cloud
 from exposight.cell.ply import ply_from_points, points_from_ply
 from exposight.errors import CloudError, DamagedFileError, FormatError
-from exposight.files.columns import check_columns
-from exposight.files.durable import write_durably
-from exposight.files.reading import read_bytes
+from exposight.files import check_columns, read_bytes, write_durably
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

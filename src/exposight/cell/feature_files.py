@@ -12,9 +12,7 @@ import numpy as np
 
 from exposight.cell.part import RULES, Feature, FeatureKind, check_unique_names
 from exposight.errors import FeatureError, FormatError
-from exposight.files.columns import check_columns
-from exposight.files.durable import write_durably
-from exposight.files.reading import read_text
+from exposight.files import check_columns, read_text, write_durably
 from exposight.geometry import RigidTransform, rotation_facing
 
 if TYPE_CHECKING:

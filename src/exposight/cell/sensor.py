@@ -24,9 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from exposight.errors import SensorError, did_you_mean
-from exposight.files.documents import DocumentFormat, StoredAs
-from exposight.files.durable import write_durably
-from exposight.files.reading import read_text
+from exposight.files import DocumentFormat, StoredAs, read_text, write_durably
 from exposight.geometry import PinholeCamera, RigidTransform
 
 _Row = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]

@@ -15,7 +15,7 @@ from exposight.cell import write_cloud
 from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import CloudError
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.geometry import read_projector_camera
 from exposight.imaging import (
     DecodingLimits,

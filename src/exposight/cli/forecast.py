@@ -15,7 +15,7 @@ from exposight.cli.app import UsageError
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import View, open_campaign, view_features
 from exposight.planning import SensorModels

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import FormatError, InputError, did_you_mean
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.models import I_AVG_MIN, load_model, unit_remarks
 from exposight.observing import read_inputs
 from exposight.quantities import QUANTITIES, quantity

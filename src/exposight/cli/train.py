@@ -14,7 +14,7 @@ from exposight.cell import sensor_named_or_read
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
-from exposight.files.durable import make_folder
+from exposight.files import make_folder
 from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
 from exposight.tables import Column, Table, counted

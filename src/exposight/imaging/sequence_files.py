@@ -31,8 +31,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from exposight.errors import FormatError, ImageError, did_you_mean
-from exposight.files.documents import validate
-from exposight.files.reading import read_text
+from exposight.files import read_text, validate
 from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
 
 if TYPE_CHECKING:

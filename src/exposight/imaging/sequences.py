@@ -17,7 +17,7 @@ from pydantic import Field
 
 from exposight.cell import BitDepth, full_scale
 from exposight.errors import ImageError
-from exposight.files.documents import StoredAs
+from exposight.files import StoredAs
 
 if TYPE_CHECKING:
     pass

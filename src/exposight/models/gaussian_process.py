@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from exposight.errors import InputError
-from exposight.files.documents import validate
+from exposight.files import validate
 from exposight.gp import Committee, GaussianProcess, kernel_from_dict
 from exposight.models.predictor import (
     Hyperparameter,

@@ -19,8 +19,7 @@ import numpy as np
 
 from exposight.cell import ActiveSensor
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
-from exposight.files.documents import DocumentFormat, check_header, parse_json
-from exposight.files.durable import write_durably
+from exposight.files import DocumentFormat, check_header, parse_json, write_durably
 from exposight.models.predictor import Predictor, Provenance, predictor_kind
 from exposight.quantities import quantity
 

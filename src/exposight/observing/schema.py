@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from exposight.errors import FormatError, ObservationError
-from exposight.files.columns import unit_hint
+from exposight.files import unit_hint
 from exposight.observing.masks import Visibility
 from exposight.quantities import QUANTITIES
 

@@ -22,7 +22,7 @@ from exposight.errors import (
     ObservationError,
     did_you_mean,
 )
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.observing.masks import Visibility
 from exposight.observing.schema import (
     REQUIRED,

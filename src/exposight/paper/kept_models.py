@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from exposight.errors import FileError
-from exposight.files.documents import sha256_of
+from exposight.files import sha256_of
 from exposight.models import (
     MODEL_SUFFIX,
     GaussianProcessModel,

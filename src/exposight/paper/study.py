@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from exposight.files.durable import make_folder
+from exposight.files import make_folder
 from exposight.models import Training
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect

@@ -17,7 +17,7 @@ import polars as pl
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.observing import View, pose_columns
 from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, counted

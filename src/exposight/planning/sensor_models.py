@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exposight.errors import InputError, MissingFileError
-from exposight.files.durable import make_folder
+from exposight.files import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
     ModelSpecification,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from exposight.cell import CampaignFolder
 from exposight.errors import InputError
-from exposight.files.durable import make_folder
+from exposight.files import make_folder
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.report.campaign_summary import (

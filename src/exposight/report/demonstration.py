@@ -15,7 +15,7 @@ import numpy as np
 
 from exposight.cell import write_features
 from exposight.errors import InputError
-from exposight.files.durable import make_folder
+from exposight.files import make_folder
 from exposight.measuring import measure
 from exposight.models import MODEL_SUFFIX, ModelSpecification, model_named, save_model, train_all
 from exposight.observing import Visibility, observe_campaign, view_features

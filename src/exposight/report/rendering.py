@@ -20,7 +20,7 @@ from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from exposight import __version__
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import NO_VALUE, count
 

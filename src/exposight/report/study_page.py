@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exposight.files.durable import make_folder, write_durably
+from exposight.files import make_folder, write_durably
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.paper import (
     BestAndWorst,
