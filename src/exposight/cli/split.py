@@ -11,12 +11,7 @@ from cyclopts.types import NonNegativeInt
 from cyclopts.validators import Number
 
 from exposight.cli.result import Result, Written, fact
-<<<<<<< HEAD
-from exposight.files.durable import make_folder
-=======
-from exposight.errors import ObservationError
 from exposight.files import make_folder
->>>>>>> 028821e (files hands its names on, as every room does)
 from exposight.observing import read_observations
 from exposight.tables import Column, Table
 

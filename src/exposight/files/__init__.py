@@ -4,7 +4,6 @@ from exposight.files.columns import check_columns, unit_hint
 from exposight.files.documents import (
     DocumentFormat,
     StoredAs,
-    StrictDocument,
     alike,
     check_header,
     parse_json,

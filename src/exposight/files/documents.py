@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import core_schema
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
@@ -29,13 +29,6 @@ if TYPE_CHECKING:
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 _Record = TypeVar("_Record")
-_Document = TypeVar("_Document", bound=BaseModel)
-
-
-class StrictDocument(BaseModel):
-    """A JSON object whose keys are all known and whose values have exactly their types."""
-
-    model_config = ConfigDict(**_STRICT, frozen=True)
 
 
 @dataclass(frozen=True)

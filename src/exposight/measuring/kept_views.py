@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from exposight.cell import preset_name, write_sensor
 from exposight.errors import FileError, FormatError, MissingFileError
-from exposight.files.durable import sweep_unfinished, write_durably
-from exposight.files.lock import hold_writer_lock
+from exposight.files import hold_writer_lock, sweep_unfinished, write_durably
 from exposight.measuring.record import keep_record
 from exposight.observing import ObservationTable, read_observations
 

@@ -17,8 +17,7 @@ import polars as pl
 
 from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey
 from exposight.errors import InputError, SensorError
-from exposight.files.documents import alike
-from exposight.files.durable import write_durably
+from exposight.files import alike, write_durably
 from exposight.measuring.kept_views import KeptViews, check_table_path
 from exposight.measuring.record import describe, keep_record
 from exposight.measuring.view_work import (

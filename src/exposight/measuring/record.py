@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from exposight.errors import FileError, InputError
-from exposight.files.documents import DocumentFormat, sha256_of
-from exposight.files.durable import write_durably
+from exposight.files import DocumentFormat, sha256_of, write_durably
 from exposight.plans import plan_to_toml, read_plan
 
 if TYPE_CHECKING:

@@ -16,13 +16,8 @@ from typing import TYPE_CHECKING, Final
 
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
-<<<<<<< HEAD
-from exposight.files.documents import sha256_of
-from exposight.files.kept import KeptFiles
-from exposight.measuring import measure_observations
-=======
 from exposight.files import KeptFiles, sha256_of
->>>>>>> 028821e (files hands its names on, as every room does)
+from exposight.measuring import measure_observations
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
 from exposight.plans import plan_preset, plan_to_toml

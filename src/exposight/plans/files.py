@@ -33,9 +33,7 @@ from pydantic import Field
 
 from exposight.cell import PRESETS, preset_name, sensor_named_or_read, write_sensor
 from exposight.errors import FormatError, InputError
-from exposight.files.documents import check_header, validate
-from exposight.files.durable import write_durably
-from exposight.files.reading import read_text
+from exposight.files import check_header, read_text, validate, write_durably
 from exposight.plans.plain_yaml import load_yaml
 from exposight.plans.plan import MeasuringPlan
 from exposight.plans.positions import (

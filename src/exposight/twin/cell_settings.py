@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from exposight.errors import InputError
-from exposight.files.documents import validate
+from exposight.files import validate
 from exposight.imaging import (
     PatternSequence,
     sequence_named_or_read,

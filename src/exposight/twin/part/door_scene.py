@@ -19,7 +19,7 @@ import numpy as np
 
 from exposight.cell import Part
 from exposight.errors import FileError
-from exposight.files.durable import write_durably
+from exposight.files import write_durably
 from exposight.twin.part.door_shape import DOOR, DOOR_MESH, OUTSIDE_ZONES
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.sheet_mesh import mesh_sheet

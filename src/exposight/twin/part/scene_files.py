@@ -15,7 +15,7 @@ import trimesh
 
 from exposight.cell import Part, read_features, write_features, write_sensor
 from exposight.errors import DamagedFileError, FormatError, MissingFileError
-from exposight.files.durable import make_folder, write_durably
+from exposight.files import make_folder, write_durably
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.surfaces import FINISHES
 
