@@ -93,8 +93,7 @@ def place_features(
     cloud: Cloud, sensor: ActiveSensor, count: int, rng: np.random.Generator
 ) -> tuple[Feature, ...]:
     """Place ring features where the surface is smooth, faces the camera and is there all round."""
-    features: list[Feature] = []
-    search = point_search(cloud, sensor.camera)
+    features, search = list[Feature](), point_search(cloud, sensor.camera)
     for row, column in rng.permutation(np.argwhere(cloud.valid)):
         point = cloud.points[row, column]
         centres = [own.part_from_feature.translation_mm for own in features]
