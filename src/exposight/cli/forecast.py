@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import polars as pl
 from cyclopts import Group, Parameter
 
@@ -19,17 +18,11 @@ from exposight.files import write_durably
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import View, open_campaign, view_features
 from exposight.planning import SensorModels
-from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, number
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from exposight.observing import Campaign
     from exposight.planning import Forecast
-
-_PANELS = 4
-"""So many panels of the picture stand side by side."""
 
 _FEW_TIMES = 8
 """So many exposure times are shown on a terminal."""
@@ -141,7 +134,10 @@ def forecast_command(
     if csv is not None:
         forecast.write(csv)
     if picture is not None:
-        write_durably(picture, _drawn(forecast, picture.suffix.lower()))
+        from exposight.report import forecast_picture  # takes seconds to import
+
+        still = forecast_picture(forecast)
+        write_durably(picture, still.png if picture.suffix.lower() == ".png" else still.svg)
     best_ms = forecast.best_exposure_ms()
     hidden = [seen.feature.name for seen in view.features if seen not in view.visible]
     outside = forecast.frame.filter(~pl.col("inside"))["feature"].unique().to_list()
@@ -231,35 +227,3 @@ def _over_time(forecast: Forecast) -> Table:
         Column(name="good_features", label=f"features\n≥ {P_NORM_MIN:g}"),
     )
     return Table(name="over_time", frame=frame, columns=columns, title="All features together")
-
-
-def _drawn(forecast: Forecast, suffix: str) -> bytes:
-    """Draw the forecast of every feature, in a panel of its own."""
-    from exposight.report.palette import ACCENT
-    from exposight.report.stills import draw_still, plain_axes  # takes seconds to import
-
-    columns = min(_PANELS, len(forecast.features))
-    rows = -(-len(forecast.features) // columns)
-    low, high = forecast.p_norm_band
-    shortest, longest = min(forecast.exposures_ms), max(forecast.exposures_ms)
-    decades = [(1, 2, 5), (1, 3), (1,)][min(2, int(np.log10(longest / shortest)))]
-    ticks = [step * 10.0**power for power in range(-3, 5) for step in decades]
-    ticks = [tick for tick in ticks if shortest <= tick <= longest]
-    time, quality = QUANTITIES["exposure_ms"], QUANTITIES["p_norm"]
-
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-        for i, axes in enumerate(panels.flat):
-            if i >= len(forecast.features):
-                axes.set_axis_off()
-                continue
-            axes.fill_between(forecast.exposures_ms, low[i], high[i], color="#cfe1e5", lw=0)
-            axes.plot(forecast.exposures_ms, forecast.p_norm[i], color=ACCENT)
-            lowest, first = i >= len(forecast.features) - columns, i % columns == 0
-            plain_axes(axes, time.axis_math * lowest, quality.axis_math * first)
-            axes.set(xscale="log", ylim=(-0.05, 1.1), title=forecast.features[i])
-            axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-            axes.minorticks_off()
-
-    still = draw_still("forecast", "Forecast", (2.0 * columns + 0.6, 1.5 * rows + 0.6), draw)
-    return still.png if suffix == ".png" else still.svg

@@ -11,5 +11,6 @@ from exposight.report.demonstration import (
     DemonstrationSettings,
     run_demonstration,
 )
+from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh
 from exposight.report.study_page import StudyFiles, write_study

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from exposight.models import Evaluation
     from exposight.observing import ObservationTable
+    from exposight.planning import Forecast
     from exposight.report.campaign_summary import CampaignSummary, ModelResult
     from exposight.report.shown_view import ShownView
     from exposight.report.stills import Still
@@ -41,6 +42,8 @@ _GREY_LEVELS = np.linspace(0.0, 255.0, 511)
 _NOT_MEASURED = "#f0f2f4"
 _NAMED = 45
 """More features than these have no names beside their rows."""
+_PANELS = 4
+"""So many panels of a forecast stand side by side."""
 _TICKS_MS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
 
 
@@ -214,6 +217,34 @@ def forecast_still(view: ShownView, unseen: frozenset[str]) -> Still | None:
     height = 1.3 + (0.24 * len(places) if named else 5.0)
     title = "Predicted and measured quality of each feature"
     return draw_still("forecast", title, (8.2, height), draw)
+
+
+def forecast_picture(forecast: Forecast) -> Still:
+    """Draw p_norm ± 2σ of every feature over exposure time, in a panel of its own."""
+    columns = min(_PANELS, len(forecast.features))
+    rows = -(-len(forecast.features) // columns)
+    low, high = forecast.p_norm_band
+    times = forecast.exposures_ms
+    ticks = [tick for tick in _TICKS_MS if min(times) <= tick <= max(times)]
+    ticks = ticks[:: max(1, -(-len(ticks) // _PANELS))]
+    time, good = QUANTITIES["exposure_ms"], QUANTITIES["p_norm"]
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for i, axes in enumerate(panels.flat):
+            if i >= len(forecast.features):
+                axes.set_axis_off()
+                continue
+            axes.fill_between(times, low[i], high[i], color="#cfe1e5", lw=0)
+            axes.plot(times, forecast.p_norm[i], color=ACCENT)
+            lowest, first = i >= len(forecast.features) - columns, i % columns == 0
+            plain_axes(axes, time.axis_math * lowest, good.axis_math * first)
+            axes.set(xscale="log", ylim=(-0.05, 1.1), title=forecast.features[i])
+            axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            axes.minorticks_off()
+
+    title = "Predicted quality over exposure time"
+    return draw_still("forecasts", title, (2.0 * columns + 0.6, 1.5 * rows + 0.6), draw)
 
 
 def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
