@@ -1,4 +1,4 @@
-"""The study's campaigns: simulated by a plan, or recorded by somebody; observed once and kept.
+"""The study's campaigns: simulated by a plan, or recorded; observed once and kept.
 
 A folder of recorded campaigns holds, under the names of `CAMPAIGNS`, campaign folders
 (``docs/formats.md``) or tables of their observations: ``inside`` or ``inside.parquet`` or
@@ -37,11 +37,11 @@ class StudyCampaign:
     Parameters
     ----------
     name : str
-        What the study calls it.
+        Name in the study, and of a recording in a folder of campaigns.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     required : bool
-        Whether a study of this sensor is impossible without it.
+        Whether a study of this sensor needs it.
     """
 
     name: str
@@ -150,11 +150,11 @@ class ObservedCampaign:
     campaign : StudyCampaign
         Which one.
     sensor : ActiveSensor
-        That measured.
+        Sensor that measured it.
     table : ObservationTable
         A row for each feature and capture.
     description : str
-        What was measured, in a line.
+        One line: views, captures, simulated or recorded.
     """
 
     campaign: StudyCampaign
@@ -169,7 +169,7 @@ def collect(
     settings: StudySettings,
     progress: Progress,
 ) -> ObservedCampaign | None:
-    """Simulate a campaign, or read a recorded one; go on where an earlier run stopped.
+    """Simulate a campaign, or read a recorded one; resume an interrupted run.
 
     Parameters
     ----------

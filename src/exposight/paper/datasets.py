@@ -60,7 +60,7 @@ class Dataset:
     table : ObservationTable
         All its rows, measured ones only.
     train, validation : ObservationTable or None
-        The two sides of the random split, as in the paper; None for what nothing learns from.
+        The two sides of the random split, as in the paper; None where no model is trained on it.
     train_by_view, validation_by_view : ObservationTable or None
         The two sides of a split by whole views with the same share.
     """
@@ -79,14 +79,14 @@ class Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetDefinition:
-    """Where a dataset comes from.
+    """How a dataset is taken from the campaigns.
 
     Parameters
     ----------
     name, title : str
-        Its name, and what it is.
+        Name, and title for people.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     campaigns : tuple of str
         Campaigns (`exposight.paper.campaigns`) whose rows it has.
     features : tuple of str
@@ -94,7 +94,7 @@ class DatasetDefinition:
     p_norm_min : float or None
         Least quality of its rows.
     splits : bool
-        Whether something learns from it.
+        Whether a model is trained on it.
     """
 
     name: str
@@ -261,7 +261,7 @@ def inside_range(
     Parameters
     ----------
     train, query : ObservationTable
-        Rows that span the range, at least one; rows to judge.
+        Rows that span the range, at least one; rows to test.
     columns : tuple of str
         Such as `POSE`.
 

@@ -46,7 +46,7 @@ _LOW, _HIGH = 0.0, 1.2
 _DRAWN = (-0.4, 1.8)
 _LENGTH_SCALE = 0.3
 _ALPHA = 0.3
-"""Held: fitted, it grows until the rational quadratic is a squared exponential. Table 8's quality
+"""Fixed: fitted, it grows until the rational quadratic is a squared exponential. Table 8's quality
 models have 0.004 to 0.39."""
 _SEED = 1
 _SAMPLES = 261
@@ -156,9 +156,9 @@ class StudyFigure:
     number : int
         The paper's.
     data : FigureData or None
-        What it shows; None where the study has no observations or no model for it.
+        Arrays; None where the study has no observations or no model for it.
     reason : str
-        Why it has none; else empty.
+        Why there are none; else empty.
     """
 
     number: int
@@ -174,7 +174,7 @@ def study_figures(
     Parameters
     ----------
     result : StudyResult
-        The study; its models are asked, none is trained.
+        The study; its models predict, none is trained.
     progress : Progress
         Receives the figures that are computed.
 

@@ -282,7 +282,7 @@ def _lighting_drift(pick: Callable[[float, float], float]) -> SpecialFigure:
 
 
 def _drift_ms(known: Evaluation, other: Evaluation) -> float | None:
-    """Mean signed error in another light less that in the known, on rows that both have."""
+    """Mean signed error in another light minus that in the known, on rows that both have."""
     keys = ["feature", "exposure_ms"]
     first, second = (
         result.table.frame.select(keys).with_columns(

@@ -1,4 +1,4 @@
-"""Observations as curves: what a feature gave in one view over all exposure times."""
+"""Observations as curves: one feature in one view over all exposure times."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ENOUGH_PLACES = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservedCurve:
-    """One feature seen from one view at k exposure times, the shortest first.
+    """One feature in one view at k exposure times, the shortest first.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class BrightnessCurves:
     Parameters
     ----------
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     dataset : str
-        Where the rows come from.
+        Dataset that the rows come from.
     curves : tuple of ObservedCurve
         By feature, then view.
     """
@@ -89,9 +89,9 @@ class ExposureRow:
     Parameters
     ----------
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     dataset : str
-        Where the rows come from.
+        Dataset that the rows come from.
     curves : tuple of ObservedCurve
         Views with y and z near to 0 (`nearest_row`), by growing x.
     """
@@ -103,7 +103,7 @@ class ExposureRow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeaturePositions:
-    """Where one feature stood to the sensor, a point for each view (Fig. 21).
+    """Positions of one feature relative to the sensor, a point for each view (Fig. 21).
 
     Parameters
     ----------
@@ -119,12 +119,12 @@ class FeaturePositions:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingPositions:
-    """Where all training features stood (Fig. 21).
+    """Positions of all training features (Fig. 21).
 
     Parameters
     ----------
     dataset : str
-        Where the rows come from.
+        Dataset that the rows come from.
     features : tuple of FeaturePositions
         By name.
     """
@@ -216,7 +216,7 @@ def _row_of(one: ObservedCurve, curves: list[ObservedCurve]) -> list[ObservedCur
 
 
 def feature_positions(table: ObservationTable) -> tuple[FeaturePositions, ...]:
-    """Return where each feature stood, by the features' names."""
+    """Return the positions of each feature, by the features' names."""
     curves = observed_curves(table)
     return tuple(
         FeaturePositions(

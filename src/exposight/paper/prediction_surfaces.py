@@ -36,9 +36,9 @@ class PredictionSurfaces:
     variant : str
         The model's name.
     target : {"p_norm", "exposure_ms"}
-        What it predicts.
+        Predicted column.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     x_mm : (nx,) ndarray
         Grid in the TCP frame, mm: the training data's range.
     y_mm : (ny,) ndarray
@@ -69,14 +69,14 @@ class PredictionSurfaces:
 def prediction_surfaces(
     variant: str, model: GaussianProcessModel, sensor: SensorKind
 ) -> PredictionSurfaces:
-    """Ask a model over the x-y plane; the sensor squarely faces the feature (w = p = 0).
+    """Predict over the x-y plane; the sensor squarely faces the feature (w = p = 0).
 
     Parameters
     ----------
     variant : str
         The model's name, kept.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's, kept.
+        Sensor that measured the training data.
     model : GaussianProcessModel
         Reads i_avg and at least x, y, z.
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _SHOWN = 3
 """Best and worst predictions that the figures show."""
 _FEWEST = 4
-"""Observations of a curve that can be judged; p_norm ≥ 0.75 leaves about half of the ten."""
+"""Fewest observations of a curve that is evaluated; p_norm ≥ 0.75 leaves about half of the ten."""
 _SAMPLES = 161
 
 
@@ -35,9 +35,9 @@ class PredictedCurve:
     Parameters
     ----------
     observed : ObservedCurve
-        What was measured there.
+        Observations.
     i_avg : (m,) ndarray
-        Grey levels at which the model was asked.
+        Grey levels at which the model predicts.
     mean, std : (m,) ndarray
         Prediction and standard deviation of a new observation, in the target's unit.
     rmse : float
@@ -66,9 +66,9 @@ class BestAndWorst:
     variant : str
         The model's name.
     target : {"p_norm", "exposure_ms"}
-        What it predicts.
+        Predicted column.
     dataset : str
-        Where the observations come from.
+        Dataset that the observations come from.
     judged : int
         Curves among which these were chosen.
     best, worst : tuple of PredictedCurve
@@ -101,7 +101,7 @@ def best_and_worst(
     model : GaussianProcessModel
         Predicts from i_avg, its first input, and the pose.
     table : ObservationTable
-        Observations of unseen features; rows that the model is not judged by are left out.
+        Observations of unseen features; rows that the model is not evaluated on are left out.
     least_range : float
         Curves whose target varies less say little and are left out; in the target's unit.
     inside_only : bool
@@ -213,7 +213,7 @@ class FeatureForecast:
     feature : str
         Its name.
     x_mm, y_mm, z_mm, radius_mm : float
-        Where it stood in the TCP frame, and its radius.
+        Position in the TCP frame, and radius.
     i_avg : float
         Its brightness, grey level 0–255.
     p_norm, p_norm_mean, p_norm_std : float

@@ -101,7 +101,7 @@ class LearningStep:
     Parameters
     ----------
     n_train : int
-        Rows it learnt from, drawn at random from the variant's training rows.
+        Training rows, drawn at random from the variant's training rows.
     score : RegressionScore
         On unseen features, in the target's own unit (p_norm 0–1, or ms).
     """
@@ -164,7 +164,7 @@ class Statement:
     name : str
         Short and unique, for instance ``light-alone-exposure``.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     statement : str
         What the paper says.
     source : str
@@ -223,7 +223,7 @@ class StudyTables:
     scores : polars.DataFrame
         Tables 2 to 6, by the column ``table``. R², coverage and relative errors are in percent,
         RMSE and MAE in ``unit``, MSE in squared units of the target (p_norm 0–1, or ms²).
-        Differences are ours less the paper's. ``n`` is 0 where there is no row to evaluate, and
+        Differences are ours minus the paper's. ``n`` is 0 where there is no row to evaluate, and
         figures are null then, as the paper's are where it has no such line.
     hyperparameters : polars.DataFrame
         Table 8, by ``variant``. Length scales of rational quadratic kernels are in GPy's

@@ -1,4 +1,4 @@
-"""Scores: every trained variant evaluated on every set of rows that the paper judges it by."""
+"""Scores: every trained variant evaluated on every set of rows that the paper uses."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def run_study(
     settings: StudySettings | None = None,
     progress: Progress = ignore_progress,
 ) -> StudyResult:
-    """Carry out the paper's study; go on where an earlier run stopped.
+    """Carry out the paper's study; resume an interrupted run.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ class Variant:
     title : str
         For people.
     sensor : {'structured-light', 'stereo'}
-        Which sensor's.
+        Sensor that measures it.
     specification : ModelSpecification
         Target, inputs and kernel.
     dataset : str
@@ -134,7 +134,7 @@ def _variant(
     suffix : str
         How the validation dataset's name ends: ``_plus`` for ᵉX⁺.
     tests : tuple of {'test', 'test_inside'}
-        Which unseen rows judge it.
+        Which unseen rows evaluate it.
     further : tuple of EvaluationSet
         Lines of Tables 4 and 6.
     """
