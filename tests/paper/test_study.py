@@ -124,6 +124,7 @@ def study_process(campaigns: Path, tmp_path: Path) -> Iterator[subprocess.Popen[
     process.wait()
 
 
+@pytest.mark.slow
 def test_a_killed_study_goes_on(
     study_process: subprocess.Popen[bytes],
     tmp_path: Path,

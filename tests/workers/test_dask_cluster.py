@@ -24,6 +24,8 @@ distributed = pytest.importorskip(
     "distributed", reason="Dask is not installed: pip install 'exposight[cluster]'"
 )
 
+pytestmark = pytest.mark.slow
+
 START_S = 60.0
 """Starting takes about two seconds; a busy machine may take longer to get round to it."""
 
