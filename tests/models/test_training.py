@@ -93,3 +93,19 @@ def test_rows_up_to_the_limit_are_trained_exactly(table):
 
 def test_no_specifications_give_no_models(table):
     assert train(table, ()) == ()
+
+
+@pytest.mark.slow
+def test_a_cluster_trains_the_same_models(make_table):
+    distributed = pytest.importorskip("distributed")
+    table, settings = make_table(400), {"seed": 1, "restarts": 1, "committee_rows": 150}
+    here = train_one(SPECIFICATIONS[0], table, **settings)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        shards = train_one(SPECIFICATIONS[0], table, cluster=address, **settings)
+        whole = train_all(SPECIFICATIONS[:2], table, cluster=address, **settings)[0]
+    for model in (shards, whole):
+        assert model.summary == here.summary
+        np.testing.assert_array_equal(model.predict(table).mean, here.predict(table).mean)
