@@ -7,14 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import exposight as xs
-from exposight.cell import sensor_preset
-from exposight.measuring import measure
 from exposight.plans import DepthPlane, MeasuringPlan
 from exposight.twin import SimulatedCell
 
 PLAN = MeasuringPlan(
     name="a few views",
-    sensor=sensor_preset("comet-pro-ae"),
+    sensor=xs.sensor_preset("comet-pro-ae"),
     features=("f1", "f2", "f3", "f4"),
     reference="f1",
     planes=(
@@ -30,8 +28,9 @@ PLAN = MeasuringPlan(
 
 
 def main(folder: Path) -> None:
-    """Take a campaign, learn from it, and forecast a view."""
-    measure(PLAN, SimulatedCell.for_plan(PLAN, rings_only=True), folder / "door")
+    """Measure, learn from the measurement, and forecast a view."""
+    driver = SimulatedCell.for_plan(PLAN, rings_only=True)
+    xs.measure(PLAN, driver, folder / "door")
 
     campaign = xs.open_campaign(folder / "door")
     train, test = campaign.observe().split(by="feature", share=0.75, seed=1)
@@ -44,5 +43,5 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    with TemporaryDirectory() as folder:
-        main(Path(folder))
+    with TemporaryDirectory() as temporary:
+        main(Path(temporary))

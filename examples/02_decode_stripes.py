@@ -7,7 +7,7 @@ import numpy as np
 
 import exposight as xs
 from exposight.geometry import PinholeCamera
-from exposight.imaging import FrameStack, Fringe, PatternSequence, PhaseShift
+from exposight.imaging import FrameStack, Fringe, PatternSequence, PhaseShift, triangulate
 
 camera = PinholeCamera(
     width=640, height=480, fx=800, fy=800, cx=320, cy=240, distortion=(-0.15, 0.05, 0, 0)
@@ -32,7 +32,7 @@ for periods in (1, 16):
         frames.append(120 + 90 * np.cos(phase - step * np.pi / 2))
 stack = FrameStack(frames=np.round(frames).astype(np.uint8))
 
-cloud = xs.triangulate(
+cloud = triangulate(
     xs.decode(stack, sequence),
     camera=camera,
     projector=projector,

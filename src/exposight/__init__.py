@@ -9,6 +9,7 @@ The names that most scripts need, each imported when it is first used::
     models = xs.train(train, sensor=campaign.sensor)
     print(models.evaluate(test))
     print(models.forecast(campaign.view(pose)))
+    xs.measure(xs.read_plan("plan.toml"), driver, "new")
 
 Everything else is in the rooms: `exposight.cell`, `exposight.imaging`, `exposight.observing`,
 `exposight.models`, `exposight.planning`, `exposight.gp`, ….
@@ -33,11 +34,13 @@ if TYPE_CHECKING:
     )
     from exposight.errors import ExposightError
     from exposight.geometry import RigidTransform
-    from exposight.imaging import decode, triangulate
+    from exposight.imaging import decode
+    from exposight.measuring import measure
     from exposight.models import ModelSpecification, Prediction, Predictor, load_model, save_model
     from exposight.observing import Campaign, ObservationTable, open_campaign, read_observations
     from exposight.planning import Forecast, SensorModels, forecast
     from exposight.planning import train_sensor_models as train
+    from exposight.plans import plan_preset, read_plan
 
 __all__ = [
     "ActiveSensor",
@@ -59,14 +62,16 @@ __all__ = [
     "decode",
     "forecast",
     "load_model",
+    "measure",
     "open_campaign",
+    "plan_preset",
     "read_features",
     "read_observations",
+    "read_plan",
     "read_sensor",
     "save_model",
     "sensor_preset",
     "train",
-    "triangulate",
 ]
 
 _ROOMS = {
@@ -76,10 +81,12 @@ _ROOMS = {
     ),
     "errors": ("ExposightError",),
     "geometry": ("RigidTransform",),
-    "imaging": ("decode", "triangulate"),
+    "imaging": ("decode",),
+    "measuring": ("measure",),
     "models": ("ModelSpecification", "Prediction", "Predictor", "load_model", "save_model"),
     "observing": ("Campaign", "ObservationTable", "open_campaign", "read_observations"),
     "planning": ("Forecast", "SensorModels", "forecast", "train"),
+    "plans": ("plan_preset", "read_plan"),
 }  # fmt: skip
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 _NAME_THERE = {"train": "train_sensor_models"}
