@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from exposight.cell import preset_name, write_sensor
 from exposight.errors import FileError, FormatError, MissingFileError
-from exposight.files import hold_writer_lock, sweep_unfinished, write_durably
+from exposight.files import KeptFiles, hold_writer_lock, sweep_unfinished
 from exposight.measuring.record import keep_record
 from exposight.observing import ObservationTable, read_observations
 
@@ -52,10 +52,13 @@ class KeptViews:
     ----------
     folder : Path
         Where they lie.
+    record_sha256 : str
+        Checksum of the record of what is measured.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, record_sha256: str) -> None:
         self._folder = folder
+        self._files = KeptFiles(folder, record_sha256)
 
     @classmethod
     @contextmanager
@@ -82,7 +85,7 @@ class KeptViews:
             sweep_unfinished(folder)
             if preset_name(plan.sensor) is None:  # else the plan names it
                 write_sensor(folder / "sensor.json", plan.sensor)
-            keep_record(
+            record_sha256 = keep_record(
                 folder,
                 plan=plan,
                 description=description,
@@ -90,22 +93,16 @@ class KeptViews:
                 n_captures=len(list(folder.glob(_VIEWS))),
                 what="unfinished table",
             )
-            yield cls(folder)
+            yield cls(folder, record_sha256)
         finally:
             if folder.exists() and not list(folder.glob(_VIEWS)):  # nothing to go on with
                 shutil.rmtree(folder, ignore_errors=True)
             lock.release()
 
     def find(self, number: int) -> ObservationTable | None:
-        """Return the observations of a view, or None where it is not finished.
-
-        Raises
-        ------
-        FileError
-            If its file is damaged.
-        """
-        path = self._path(number)
-        return read_observations(path) if path.exists() else None
+        """Return the observations of a view, or None where it is unfinished or was damaged."""
+        path = self._files.find(f"{number:06d}.csv")
+        return None if path is None else read_observations(path)
 
     def keep(self, number: int, table: ObservationTable) -> None:
         """Keep the observations of a finished view.
@@ -115,11 +112,8 @@ class KeptViews:
         FileError
             If the disk is full or refuses. What was kept before stays.
         """
-        write_durably(self._path(number), table.frame.write_csv().encode())
+        self._files.keep(f"{number:06d}.csv", table.frame.write_csv().encode())
 
     def remove(self) -> None:
         """Remove all of it: the table is written."""
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def _path(self, number: int) -> Path:
-        return self._folder / f"{number:06d}.csv"
