@@ -36,18 +36,10 @@ if TYPE_CHECKING:
     from exposight.cell import CaptureSource
     from exposight.observing import ObservationTable
 
-_RANGES = {
-    "exposure_ms": "exposure time, ms",
-    "p_norm": "p_norm, share of the ring with points",
-    "i_avg": "i_avg, mean grey level of the ring, 0–255",
-    "x_mm": "x in the TCP frame, mm",
-    "y_mm": "y in the TCP frame, mm",
-    "z_mm": "z in the TCP frame, mm",
-    "w_deg": "w about x, °",
-    "p_deg": "p about y, °",
-    "incidence_deg": "line of sight to normal, °",
-    "radius_mm": "radius, mm",
-}
+_RANGES = (
+    *("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm"),
+    *("w_deg", "p_deg", "incidence_deg", "radius_mm"),
+)
 _FEW_ROWS = 24
 """So many observations are shown one by one."""
 
@@ -227,15 +219,15 @@ def _measured(table: ObservationTable) -> list[Table]:
     measured = table.measured()
     if len(measured) == 0:
         return []
-    low, middle, high = np.nanpercentile(measured.array(list(_RANGES)), [0, 50, 100], axis=0)
+    low, middle, high = np.nanpercentile(measured.array(_RANGES), [0, 50, 100], axis=0)
     ranges = Table.of(
         "ranges",
         (
-            {"column": name, "quantity": text, "min": low[i], "median": middle[i], "max": high[i]}
-            for i, (name, text) in enumerate(_RANGES.items())
+            {"column": name, "min": low[i], "median": middle[i], "max": high[i]}
+            for i, name in enumerate(_RANGES)
         ),
         (
-            Column(name="quantity", label="measured"),
+            Column(name="column", label="measured"),
             *(Column(name=name) for name in ("min", "median", "max")),
         ),
     )

@@ -20,6 +20,7 @@ from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import Column, Table, count, counted, number
 
 if TYPE_CHECKING:
+    from exposight.cli.result import Fact
     from exposight.models import Prediction, Predictor
 
 _SHOWN_ROWS = 20
@@ -78,7 +79,7 @@ def predict_command(
         frame.write_csv(buffer)
         write_durably(output, buffer.getvalue())
     inside = int(np.count_nonzero(prediction.inside))
-    sensor = model.sensor if model.target == "exposure_ms" else None
+    low, middle, high = np.percentile(prediction.mean, [0, 50, 100]).tolist()
     return Result(
         title=f"{model.name}: {model.title}",
         facts=(
@@ -86,25 +87,27 @@ def predict_command(
             fact("target", model.target, ""),
             fact("unit", quantity(model.target).unit, ""),
             fact("rows", table.height, f"{count(frame.height)} of {count(table.height)} predicted"),
+            fact("inside_training_range", inside, f"{count(inside)} within the training data"),
             fact(
-                "inside_training_range",
-                inside,
-                f"{count(inside)} within the training data",
+                "predicted",
+                {"min": low, "median": middle, "max": high},
+                _summary(model.target, prediction),
             ),
-            fact(model.target, None, _summary(model.target, prediction)),
             fact("training_range", model.training_range, _ranges(model)),
-            fact(
-                "sensor_range_ms",
-                sensor and [sensor.exposure.min_ms, sensor.exposure.max_ms],
-                f"{sensor.exposure.min_ms:g} to {sensor.exposure.max_ms:g} ms of {sensor.name}"
-                if sensor
-                else "",
-            ),
+            *_sensor_range(model),
         ),
         tables=(_prediction_table(model, frame, written=output is not None),),
         notes=tuple(_notes(model, table, frame, given)),
         files=files,
     )
+
+
+def _sensor_range(model: Predictor) -> tuple[Fact, ...]:
+    if model.target != "exposure_ms" or model.sensor is None:
+        return ()
+    low, high = model.sensor.exposure.min_ms, model.sensor.exposure.max_ms
+    text = f"{low:g} to {high:g} ms of {model.sensor.name}"
+    return (fact("sensor_range_ms", [low, high], text),)
 
 
 def _one_row(model: Predictor, inputs: dict[str, float]) -> pl.DataFrame:
@@ -145,18 +148,16 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
         pl.Series("outside", outside),
     )
     if target == "exposure_ms" and (sensor := model.sensor) is not None:
-        mean = pl.col("predicted_exposure_ms")
+        possible = (prediction.mean >= sensor.exposure.min_ms) & (
+            prediction.mean <= sensor.exposure.max_ms
+        )
+        # An extrapolated exposure time is no setting to recommend.
         settings = [
-            sensor.nearest_exposure(value)
-            if sensor.exposure.min_ms <= value <= sensor.exposure.max_ms and trusted
-            else None
-            for value, trusted in zip(prediction.mean.tolist(), prediction.inside, strict=True)
+            sensor.nearest_exposure(value) if good else None
+            for value, good in zip(prediction.mean, possible & prediction.inside, strict=True)
         ]
         frame = frame.with_columns(
-            mean.is_between(sensor.exposure.min_ms, sensor.exposure.max_ms).alias(
-                "in_sensor_range"
-            ),
-            # An extrapolated exposure time is no setting to recommend.
+            pl.Series("in_sensor_range", possible),
             pl.Series("nearest_setting_ms", settings, dtype=pl.Float64),
         )
     return frame, prediction

@@ -64,9 +64,7 @@ def reproduce_command(
     simulated = settings.campaigns is None
     return Result(
         facts=(
-            fact("sensors", settings.sensors, ""),
-            fact("quick", settings.quick, ""),
-            fact("seed", settings.seed, ""),
+            *(fact(name, value, "") for name, value in asdict(settings).items()),
             fact("simulated", simulated, ""),
             fact("campaigns", result.campaigns, ""),
             fact("findings", [asdict(finding) for finding in result.findings], ""),

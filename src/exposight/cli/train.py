@@ -145,12 +145,7 @@ def _summary(models: Sequence[GaussianProcessModel], files: Sequence[Written]) -
                 "observations": model.n_observations,
                 "experts": model.experts,
                 "emulated": model.provenance.emulated,
-                "log_marginal_likelihood": model.summary.log_marginal_likelihood,
-                "converged": model.summary.converged,
-                "evaluations": model.summary.evaluations,
-                "starts": model.summary.starts,
-                "parameters_at_bound": model.summary.parameters_at_bound,
-                "seconds": model.summary.seconds,
+                **asdict(model.summary),
                 "file": str(file.path),
             }
             for model, file in zip(models, files, strict=True)
