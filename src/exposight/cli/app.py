@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "demo": "Run the whole method once on a simulated cell.",
+    "measure": "Carry out a measuring plan with a driver.",
     "simulate": "Carry out a measuring plan in a simulated cell.",
     "sensor": "Describe a sensor from its calibration.",
     "decode": "Decode recorded stripe frames to an organised point cloud.",

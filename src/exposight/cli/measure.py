@@ -1,0 +1,271 @@
+"""``exposight measure``: a measuring plan to a campaign, by any driver."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+from cyclopts.types import PositiveInt
+
+from exposight.cell import CampaignFolder, preset_name
+from exposight.cli.app import UsageError
+from exposight.cli.observe import visibility_table
+from exposight.cli.progress import progress_bars
+from exposight.cli.result import Result, Written, fact
+from exposight.drivers import ReplayDriver
+from exposight.errors import InputError, did_you_mean
+from exposight.measuring import (
+    OBSERVATIONS_FILE,
+    check_table_path,
+    measure,
+    measure_observations,
+    views_folder,
+)
+from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
+from exposight.tables import count, counted, number
+from exposight.twin import SimulatedCell
+from exposight.workers import usual_workers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from exposight.cli.result import Fact
+    from exposight.plans import MeasuringPlan
+
+
+@Parameter("*", group=Group("What is kept, and who works", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """How a plan is carried out; none of it changes what is measured.
+
+    Parameters
+    ----------
+    output
+        Folder of the campaign (campaign by default); with --observe the observation table, .csv or
+        .parquet (observations.csv).
+    observe
+        Observe captures at once, and write the table instead of a campaign.
+    no_clouds
+        Do not keep point clouds: captures are observed as they are taken, and the campaign holds
+        images, poses and observations.csv, which cannot be repeated from it.
+    workers
+        Run tasks in parallel, in this many processes; one for each core by default, at most 8.
+    cluster
+        Run tasks on a Dask scheduler's workers, tcp://host:8786. All need this version of exposight
+        and, unless with --observe, must reach the campaign's folder at the same path.
+    """
+
+    output: Annotated[Path | None, Parameter(alias="-o", metavar="FOLDER|FILE")] = None
+    observe: bool = False
+    no_clouds: bool = False
+    workers: PositiveInt | None = None
+    cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
+
+
+DEFAULTS = RunOptions()
+
+
+def measure_command(
+    plan: str,
+    /,
+    *,
+    driver: Literal["simulated", "replay"],
+    recording: Path | None = None,
+    options: RunOptions = DEFAULTS,
+) -> Result:
+    """Carry out a measuring plan with a driver.
+
+    A driver takes the captures: the simulated cell, or a recorded campaign that gives back its own.
+    Run the same command again after an interruption and it goes on. Drivers of your own are used
+    from Python: exposight.measuring.measure.
+
+    For example:
+
+        exposight measure small --driver simulated -o door
+
+        exposight measure door/plan.toml --driver replay --recording door -o again
+
+    Parameters
+    ----------
+    plan
+        Measuring plan: a TOML or YAML file (docs/formats.md), or a name from simulate --list.
+    driver
+        Who takes the captures.
+    recording
+        With --driver replay: the campaign whose captures are given back.
+    """
+    if (driver == "replay") != (recording is not None):
+        msg = "--driver replay needs --recording, the campaign to give back; others do not take it"
+        raise UsageError(msg)
+    chosen = plan_from(plan)
+    if recording is not None:
+        replayed = ReplayDriver(recording)
+        return carry_out(chosen, lambda: replayed, options, default_workers=1)
+    folder = None if plan in PLANS else Path(plan).parent
+    return carry_out(chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder), options)
+
+
+def carry_out(
+    plan: MeasuringPlan,
+    make_driver: Callable[[], Any],
+    options: RunOptions,
+    *,
+    default_workers: int | None = None,
+) -> Result:
+    """Carry out a plan, and return what was measured.
+
+    Parameters
+    ----------
+    plan : MeasuringPlan
+        Views and exposure times.
+    make_driver : callable
+        Returns the driver, which must know its part; may take seconds.
+    options : RunOptions
+        What is kept, and who works.
+    default_workers : int, optional
+        Processes where the options do not say; one for each core by default.
+    """
+    if options.observe and options.no_clouds:
+        msg = "--observe keeps no clouds: leave out --no-clouds"
+        raise UsageError(msg)
+    workers = options.workers or (1 if options.cluster else default_workers or usual_workers())
+    start = time.perf_counter()
+    output = options.output or Path("observations.csv" if options.observe else "campaign")
+    kept_in = views_folder(output) if options.observe else output
+    before = len(CampaignFolder(output)) if (output / "campaign.json").is_file() else 0
+    if options.observe:
+        check_table_path(output)  # before anything that takes time
+    with progress_bars(kept_in=kept_in) as progress:
+        driver = make_driver()
+        if options.observe:
+            files = [Written.at(output, "observations")]
+            table = measure_observations(
+                plan,
+                driver,
+                table_path=output,
+                workers=workers,
+                cluster=options.cluster,
+                progress=progress,
+            )
+        else:
+            files = [Written.at(output, "campaign")]
+            measure(
+                plan,
+                driver,
+                output,
+                clouds=not options.no_clouds,
+                workers=workers,
+                cluster=options.cluster,
+                progress=progress,
+            )
+    next_step = f"{'train' if options.observe else 'observe'} {quote(str(output))}"
+    if options.no_clouds:
+        files.append(Written(kind="observations", path=output / OBSERVATIONS_FILE, replaced=False))
+        next_step = f"train {quote(str(files[-1].path))}"
+    facts = _facts(plan, driver, options, workers, before, time.perf_counter() - start)
+    if options.observe:
+        facts = (*facts, fact("rows", len(table)))
+    else:
+        size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
+        facts = (*facts, fact("bytes", size, f"{number(size / 1e6, 3)} MB"))
+    blind = [name for name, n in _views_of_feature(plan, driver).items() if not n]
+    return Result(
+        title=f"{plan.name}: part {driver.part.name}, {plan.sensor.name}",
+        facts=facts,
+        tables=(visibility_table(table),) if options.observe else (),
+        notes=(f"no view sees {', '.join(blind)}",) if blind else (),
+        files=tuple(files),
+        next_step=next_step,
+    )
+
+
+def _facts(
+    plan: MeasuringPlan,
+    driver: Any,
+    options: RunOptions,
+    workers: int,
+    before: int,
+    seconds: float,
+) -> tuple[Fact, ...]:
+    planned = plan.views(driver.part)
+    exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]
+    visible = _views_of_feature(plan, driver)
+    there = f", {count(before)} of them were there before" if before else ""
+    processes = min(workers, max(1, len(planned)))  # a view is done by one of them
+    where = options.cluster or counted(processes, "worker")
+    return (
+        fact("plan", plan.name, ""),
+        fact("sensor", preset_name(plan.sensor) or plan.sensor.name, ""),
+        fact("part", driver.part.name, ""),
+        fact("views", len(planned)),
+        fact(
+            "views_of_feature",
+            visible,
+            f"{sum(1 for n in visible.values() if n)} of {len(visible)} features are visible",
+        ),
+        fact("captures", len(exposures), count(len(exposures)) + there),
+        fact("captures_before", before, ""),
+        fact(
+            "exposures_ms",
+            {"min": min(exposures), "max": max(exposures)},
+            f"{number(min(exposures))} to {number(max(exposures))}",
+        ),
+        fact("workers", None if options.cluster else processes, ""),
+        fact("cluster", options.cluster, ""),
+        fact("seconds", seconds, f"{number(seconds, 3)}, {where}"),
+    )
+
+
+def _views_of_feature(plan: MeasuringPlan, driver: Any) -> dict[str, int]:
+    """Return in how many views each feature can be seen."""
+    visible = Counter(name for view in plan.views(driver.part) for name in view.visible)
+    return {name: visible[name] for name in plan.features}
+
+
+def plan_from(name_or_path: str) -> MeasuringPlan:
+    """Return the measuring plan that a preset's name or a file describes.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    FileError
+        If the file is not a plan.
+    """
+    if name_or_path in PLANS:
+        return PLANS[name_or_path]
+    path = Path(name_or_path)
+    if path.is_file() or path.suffix.lower() in PLAN_SUFFIXES:
+        return read_plan(path)
+    msg = (
+        f"no measuring plan '{name_or_path}': expected a TOML or YAML file, or one of "
+        f"{', '.join(PLANS)}{did_you_mean(name_or_path, PLANS)}"
+    )
+    raise InputError(msg)
+
+
+def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
+    """Return what a measuring plan holds."""
+    views = {group.name: group.n_views for group in plan.groups}
+    exposures = {group.name: list(group.exposures_ms) for group in plan.groups}
+    captures = sum(n * len(exposures[name]) for name, n in views.items())
+    per_group = ", ".join(f"{name} {count(n)}" for name, n in views.items())
+    # Which views see no feature depends on the part, which is not known here.
+    at_most = "at most " if plan.blind_views == "skip" else ""
+    each = (f"{name} {', '.join(f'{t:g}' for t in times)}" for name, times in exposures.items())
+    return (
+        fact("plan", plan.name),
+        fact("sensor", preset_name(plan.sensor) or plan.sensor.name),
+        fact("side", plan.side),
+        fact("features", plan.features),
+        fact("views", views, f"{at_most}{count(sum(views.values()))}: {per_group}"),
+        fact("exposures_ms", exposures, "\n".join(each)),
+        fact("captures", captures, at_most + count(captures)),
+        fact("seed", plan.seed),
+        *(fact(name, value) for name, value in plan.simulated.items()),
+    )
