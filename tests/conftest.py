@@ -84,17 +84,7 @@ def run_json(run: Callable[..., Ended]) -> Callable[..., dict[str, Any]]:
     return invoke
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sheet:
-    """Triangles of a scene; normals face −z, towards a sensor before it."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    face_finish: np.ndarray
-    vertex_normals: np.ndarray
-
-    def normals(self) -> np.ndarray:
-        return self.vertex_normals
+_MIDDLE = Feature(name="middle", kind="hole", part_from_feature=RigidTransform(), radius_mm=1.0)
 
 
 def _plate(
@@ -104,7 +94,7 @@ def _plate(
     half_mm: tuple[float, float] = (60.0, 45.0),
     step_mm: float = 4.0,
     wall_at_mm: float | None = None,
-) -> Sheet:
+) -> Scene:
     x = np.linspace(-half_mm[0], half_mm[0], int(2 * half_mm[0] / step_mm) + 1)
     y = np.linspace(-half_mm[1], half_mm[1], int(2 * half_mm[1] / step_mm) + 1)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -119,26 +109,24 @@ def _plate(
     keep = np.ones(len(faces), dtype=bool)
     for cx, cy, radius in holes:
         keep &= np.hypot(middle[:, 0] - cx, middle[:, 1] - cy) > radius
-    faces = faces[keep]
+    faces = faces[keep][:, ::-1]  # Delaunay's triangles look along z
     vertices = np.column_stack([points, np.zeros(len(points))])
-    normals = np.tile([0.0, 0.0, -1.0], (len(points), 1))
     if wall_at_mm is not None:
         wall = np.array([(wall_at_mm, s * half_mm[1], z) for s in (-1, 1) for z in (0.0, -50.0)])
         n = len(vertices)
         vertices = np.concatenate([vertices, wall])
-        normals = np.concatenate([normals, np.tile([-1.0, 0.0, 0.0], (4, 1))])
-        faces = np.concatenate([faces, np.array([[n, n + 1, n + 2], [n + 1, n + 3, n + 2]])])
-    return Sheet(
+        faces = np.concatenate([faces, np.array([[n, n + 2, n + 1], [n + 1, n + 2, n + 3]])])
+    return Scene(
         vertices=vertices,
         faces=faces.astype(np.int32),
         face_finish=np.full(len(faces), FINISHES.index(finish), dtype=np.uint8),
-        vertex_normals=normals,
+        part=Part(name="sheet", features=(_MIDDLE,)),
     )
 
 
 @pytest.fixture(scope="session")
-def plate() -> Callable[..., Sheet]:
-    """Build a sheet in the plane z = 0."""
+def plate() -> Callable[..., Scene]:
+    """Build a sheet in the plane z = 0 that looks along −z, with or without a wall."""
     return _plate
 
 

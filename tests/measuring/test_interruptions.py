@@ -16,7 +16,7 @@ from dataclasses import replace
 import pytest
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FileError, InputError, NumericalError
+from exposight.errors import FileError, NumericalError
 from exposight.measuring import measure, measure_observations
 from exposight.observing import read_observations
 from exposight.plans import write_plan
@@ -149,20 +149,18 @@ def interrupt():
     raise KeyboardInterrupt
 
 
-def test_an_unfinished_table_goes_on_with_the_same_plan_only(tmp_path, sheet_plan, cell):
+def test_an_unfinished_table_goes_on_with_its_own_views_only(tmp_path, sheet_plan, cell, reports):
     table = tmp_path / "table.parquet"
     with pytest.raises(KeyboardInterrupt):
         measure_observations(
             sheet_plan, cell(sheet_plan), table_path=table, progress=at(4, interrupt)
         )
-    other = replace(sheet_plan, seed=9)
-    message = r"unfinished table in .*table\.parquet\.views was measured with another plan, .*seed"
-    with pytest.raises(InputError, match=message):
-        measure_observations(other, cell(other), table_path=table)
-    whole = cell(sheet_plan, rings_only=False)
-    with pytest.raises(InputError, match="differing in rings_only"):
-        measure_observations(sheet_plan, whole, table_path=table)
-    measure_observations(sheet_plan, cell(sheet_plan), table_path=table)
+    for driver in (cell(replace(sheet_plan, seed=9)), cell(sheet_plan, lighting="III")):
+        plan = replace(sheet_plan, seed=driver.seed)
+        with pytest.raises(KeyboardInterrupt):
+            measure_observations(plan, driver, table_path=table, progress=at(0, interrupt))
+    measure_observations(sheet_plan, cell(sheet_plan), table_path=table, progress=reports)
+    assert reports[0] == (4, 8)
     assert [path.name for path in tmp_path.iterdir()] == ["table.parquet"]
 
 

@@ -8,7 +8,8 @@ then gives the same bytes for any number of workers, here or on a cluster, and a
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack, closing
+import shutil
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey
-from exposight.errors import InputError, SensorError
-from exposight.files import alike, write_durably
-from exposight.measuring.kept_views import KeptViews, check_table_path
+from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
+from exposight.files import KeptFiles, alike, hold_writer_lock, sweep_unfinished, write_durably
 from exposight.measuring.record import describe, keep_record
 from exposight.measuring.view_work import (
     OBSERVATIONS_FILE,
@@ -27,15 +27,20 @@ from exposight.measuring.view_work import (
     same_exposure,
     write_view,
 )
-from exposight.observing import ObservationTable
+from exposight.observing import ObservationTable, read_observations
+from exposight.plans import plan_to_toml
 from exposight.workers import LocalProcesses, choose_workers, ignore_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Iterator, Mapping
 
     from exposight.cell import ActiveSensor, Driver, Part
     from exposight.plans import MeasuringPlan, PlannedView
     from exposight.workers import Progress, Workers
+
+
+_VIEWS = "[0-9]*.csv"
+"""Kept views in the folder beside a table."""
 
 
 def measure(
@@ -107,7 +112,6 @@ def measure(
             description=job.description,
             clouds=clouds,
             n_captures=n_there,
-            what="campaign",
         )
         if n_there == 0:
             files: Mapping[str, bytes] = getattr(driver, "campaign_files", dict)()
@@ -149,7 +153,7 @@ def measure_observations(
     table_path : path, optional
         Where to write the table, .csv or .parquet. Until it is written, the observations of
         finished views are kept in a folder beside it, and the same call continues with them after
-        any interruption.
+        any interruption; views of another plan or driver are not used.
 
     Returns
     -------
@@ -159,31 +163,73 @@ def measure_observations(
     Raises
     ------
     InputError
-        If the plan cannot be carried out, the folder beside the table holds another one's views,
-        or there is no such cluster.
+        If the plan cannot be carried out, or there is no such cluster.
     SensorError, NumericalError
         As for `measure`. The observations of finished views stay valid.
     FileError
         If the table cannot be written.
     """
-    if table_path is not None:
-        table_path = Path(table_path)
-        check_table_path(table_path)
+    if table_path is None:
+        job = _Job(plan, driver, part, False, workers, cluster, progress)
+        return job.observe({}, lambda _name, _table: None)
+    table_path = Path(table_path)
+    check_table_path(table_path)
     job = _Job(plan, driver, part, False, workers, cluster, progress)
-    with ExitStack() as stack:
-        kept, tables = None, {}
-        if table_path is not None:
-            kept = stack.enter_context(
-                KeptViews.open_beside(table_path, plan=plan, description=job.description)
-            )
-            stored = {view.name: kept.find(number) for number, view in enumerate(job.views)}
-            tables = {name: table for name, table in stored.items() if table is not None}
-        job.observe_others(tables, kept)
-        table = ObservationTable(frame=pl.concat(tables[view.name].frame for view in job.views))
-        if kept is not None and table_path is not None:
-            table.write(table_path)
-            kept.remove()
+    with _folder_beside(table_path) as folder:
+        kept = KeptFiles(folder, plan_to_toml(plan), json.dumps(job.description))
+        paths = {f"{i:06d}.csv": view.name for i, view in enumerate(job.views)}
+        found = {name: path for file, name in paths.items() if (path := kept.find(file))}
+        files = {name: file for file, name in paths.items()}
+        table = job.observe(
+            {name: read_observations(path) for name, path in found.items()},
+            lambda name, rows: kept.keep(files[name], rows.frame.write_csv().encode()),
+        )
+        table.write(table_path)
+        for path in folder.glob(_VIEWS):  # they are in the table
+            path.unlink()
     return table
+
+
+def views_folder(table: Path) -> Path:
+    """Return the folder in which a table's finished views lie while it is not written."""
+    return table.with_name(f"{table.name}.views")
+
+
+def check_table_path(table: Path) -> None:
+    """Find out before hours of work that a table cannot be written.
+
+    Raises
+    ------
+    FormatError
+        If its suffix is neither .csv nor .parquet.
+    MissingFileError
+        If its folder is not there.
+    """
+    if table.suffix.lower() not in {".csv", ".parquet"}:
+        msg = f"{table}: an observation table ends in .csv or .parquet, got '{table.suffix}'"
+        raise FormatError(msg)
+    if not table.parent.is_dir():
+        msg = f"{table}: the folder {table.parent} does not exist; make it first"
+        raise MissingFileError(msg)
+
+
+@contextmanager
+def _folder_beside(table: Path) -> Iterator[Path]:
+    """Open or make the folder for a table's finished views, for one process at a time."""
+    folder = views_folder(table)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        msg = f"the folder {folder} for finished views cannot be made: {error.strerror}"
+        raise FileError(msg) from error
+    lock = hold_writer_lock(folder, "the unfinished table")
+    try:
+        sweep_unfinished(folder)
+        yield folder
+    finally:
+        if folder.exists() and not list(folder.glob(_VIEWS)):  # nothing to continue with
+            shutil.rmtree(folder, ignore_errors=True)
+        lock.release()
 
 
 class _Job:
@@ -236,21 +282,31 @@ class _Job:
                 )
         return tasks
 
-    def observe_others(self, tables: dict[str, ObservationTable], kept: KeptViews | None) -> None:
-        """Observe the views whose tables are not there yet, and add them."""
-        order = {view.name: number for number, view in enumerate(self.views)}
+    def observe(
+        self,
+        tables: dict[str, ObservationTable],
+        keep: Callable[[str, ObservationTable], None],
+    ) -> ObservationTable:
+        """Return the observations of all views, of which some are there already.
+
+        Parameters
+        ----------
+        tables : dict of str to ObservationTable
+            Those that are there, by the view's name.
+        keep : callable
+            Called with the name and the observations of each further view.
+        """
         tasks = self.tasks({key for key in self.numbers if key.view not in tables})
         total = len(self.numbers)
         done = total - sum(len(task.captures) for task in tasks)
         self._progress("measuring", done, total)
         with closing(self.workers.run(observe_view, tasks)) as results:
             for task, rows in results:
-                table = ObservationTable.from_observations(rows)
-                if kept is not None:
-                    kept.keep(order[task.view.name], table)
-                tables[task.view.name] = table
+                tables[task.view.name] = ObservationTable.from_observations(rows)
+                keep(task.view.name, tables[task.view.name])
                 done += len(task.captures)
                 self._progress("measuring", done, total)
+        return ObservationTable(frame=pl.concat(tables[view.name].frame for view in self.views))
 
 
 def _workers(driver: Driver, count: int, cluster: str | None) -> Workers:

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from exposight.errors import FileError, InputError
 from exposight.files import DocumentFormat, sha256_of, write_durably
-from exposight.plans import plan_to_toml, read_plan
+from exposight.plans import plan_to_toml, read_plan, write_plan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -65,7 +65,6 @@ def keep_record(
     description: dict[str, Any],
     clouds: bool,
     n_captures: int,
-    what: str,
 ) -> str:
     """Record a measurement in the folder that it fills, or check that it is the one on record.
 
@@ -81,8 +80,6 @@ def keep_record(
         Whether clouds are kept.
     n_captures : int
         How many captures are there already; the first of them makes the record binding.
-    what : str
-        What the folder is, for messages.
 
     Returns
     -------
@@ -100,11 +97,11 @@ def keep_record(
     record = _Record(plan_sha256=_plan_sha256(plan), driver=description, clouds=clouds)
     path = folder / RECORD_FILE
     if n_captures == 0:
-        write_durably(folder / PLAN_FILE, plan_to_toml(plan).encode())
+        write_plan(folder / PLAN_FILE, plan)
         write_durably(path, _FORMAT.seal(record))
         return sha256_of(path.read_bytes())
     if not path.is_file():
-        msg = f"the {what} in {folder} has {n_captures} captures and no {RECORD_FILE}: "
+        msg = f"the campaign in {folder} has {n_captures} captures and no {RECORD_FILE}: "
         if (folder / _SIMULATION_FILE).is_file():
             msg += (
                 "an earlier version of exposight simulated them, and this one cannot continue "
@@ -118,7 +115,7 @@ def keep_record(
     difference = _difference(known, record, folder, plan)
     if difference:
         msg = (
-            f"the {what} in {folder} was measured with {difference}; go on with that, or choose "
+            f"the campaign in {folder} was measured with {difference}; go on with that, or choose "
             "another folder"
         )
         raise InputError(msg)

@@ -1,7 +1,11 @@
 """A measuring cell made of physics: a part, light, sensors that saturate; a driver like others."""
 
-from exposight.twin.alignment import Alignment, AlignmentErrors, draw_alignment
-from exposight.twin.cell_settings import SimulatedCellSettings
+from exposight.twin.cell_settings import (
+    Alignment,
+    AlignmentErrors,
+    SimulatedCellSettings,
+    draw_alignment,
+)
 from exposight.twin.light import LightModel, SceneTracer
 from exposight.twin.part import FINISHES, Scene, export_scene, read_scene
 from exposight.twin.sensors import CameraElectronics, DotSensor, StripeSensor

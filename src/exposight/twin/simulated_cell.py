@@ -17,8 +17,7 @@ import numpy as np
 from exposight.cell import Capture, Part, sensor_preset
 from exposight.errors import InputError
 from exposight.plans import view_seed
-from exposight.twin.alignment import draw_alignment
-from exposight.twin.cell_settings import SimulatedCellSettings
+from exposight.twin.cell_settings import SimulatedCellSettings, draw_alignment
 from exposight.twin.light import LightModel, SceneTracer
 from exposight.twin.part import FINISHES, door, read_scene
 from exposight.twin.sensors import (
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from exposight.cell import ActiveSensor
     from exposight.geometry import RigidTransform
     from exposight.plans import MeasuringPlan, PlannedView
-    from exposight.twin.alignment import Alignment
+    from exposight.twin.cell_settings import Alignment
     from exposight.twin.part import Finish, Scene
 
 

@@ -11,7 +11,7 @@ from exposight.errors import InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.twin.light import ProjectorLens, SceneTracer, spread_by_lens, trace_view
 from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotPattern, DotSensor
-from exposight.twin.sensors.slides import BLURS_PX, render_dots, slide_radiance
+from exposight.twin.sensors.patterns import BLURS_PX, render_dots, slide_radiance
 
 DEPTH_MEDIAN_MM = 0.3
 """0.1 px of disparity at 0.5 m; a third of the 0.9 mm that Roboception gives there."""
@@ -154,14 +154,14 @@ def test_each_pixel_gets_the_light_that_its_place_on_the_slide_lets_through(sens
     )
     slide = render_dots(DotPattern(), 1024, 1024, 0.9)
     (tile,) = view.tiles
-    place = [tile.row[0], tile.column[0]]
+    place = [tile.row, tile.column]
     shares = np.array([map_coordinates(s / 65535.0, place, order=1, mode="nearest") for s in slide])
     squares = np.array(BLURS_PX) ** 2
-    blur = tile.blur_px[0].astype(float) ** 2
+    blur = tile.blur_px.astype(float) ** 2
     level = np.clip(np.searchsorted(squares, blur) - 1, 0, len(squares) - 2)
     t = np.clip((blur - squares[level]) / (squares[level + 1] - squares[level]), 0.0, 1.0)
     low, high = (np.take_along_axis(shares, level[None] + i, axis=0)[0] for i in (0, 1))
-    expected = tile.direct[0] * ((1 - t) * low + t * high)
+    expected = tile.direct * ((1 - t) * low + t * high)
     expected = expected + tile.indirect * (slide[0].mean() / 65535.0) + tile.ambient
     radiance = spread_by_lens(slide_radiance(tile, slide)[None], tile, view.model.camera.spread_px)
     assert radiance[0] == pytest.approx(expected[tile.inside], rel=1e-4)

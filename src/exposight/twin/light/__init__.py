@@ -1,6 +1,11 @@
 """What reaches a camera's pixels: rays, the projector, its reflections, the lenses."""
 
-from exposight.twin.light.optics import AMBIENT_SHARE, CameraLens, Lighting, ProjectorLens
-from exposight.twin.light.point_spread import spread_by_lens
-from exposight.twin.light.tracing import MISS_MM, SceneTracer, TracedScene
+from exposight.twin.light.optics import (
+    AMBIENT_SHARE,
+    CameraLens,
+    Lighting,
+    ProjectorLens,
+    spread_by_lens,
+)
+from exposight.twin.light.tracing import MISS_MM, SceneTracer
 from exposight.twin.light.view_light import LightModel, TileLight, ViewLight, trace_view

@@ -21,9 +21,8 @@ import numpy as np
 from exposight.compiled import njit
 from exposight.geometry import PixelBox
 from exposight.twin.light.shading import NUDGE_MM, light_along_rays
-from exposight.twin.part.surfaces import reflectance, surface_table
+from exposight.twin.part.surfaces import reflectance, row, surface_table, tangents, unit
 from exposight.twin.random_numbers import mix_bits, stream_key
-from exposight.twin.vectors import row, tangents, unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

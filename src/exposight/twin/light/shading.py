@@ -23,8 +23,17 @@ from exposight.compiled import njit
 from exposight.errors import SensorError
 from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
 from exposight.twin.light.tracing import MISS_MM
-from exposight.twin.part.surfaces import GRAIN_RMS, grain, reflectance, surface_table
-from exposight.twin.vectors import Vector, dot, row, tangents, unit
+from exposight.twin.part.surfaces import (
+    GRAIN_RMS,
+    Vector,
+    dot,
+    grain,
+    reflectance,
+    row,
+    surface_table,
+    tangents,
+    unit,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

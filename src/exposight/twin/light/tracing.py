@@ -7,44 +7,20 @@ five times quicker than through trimesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from exposight.errors import InputError
-from exposight.twin.part import FINISHES
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from exposight.twin.part import Scene
 
 
 MISS_MM = 1e30
 """Distances beyond this mean that the ray met nothing: Embree answers 1e37."""
-
-
-class TracedScene(Protocol):
-    """What can be traced: triangles in the part's frame, mm."""
-
-    @property
-    def vertices(self) -> NDArray[np.float64]:
-        """(n, 3) mm."""
-        ...
-
-    @property
-    def faces(self) -> NDArray[np.int32]:
-        """(m, 3) indices of vertices."""
-        ...
-
-    @property
-    def face_finish(self) -> NDArray[np.uint8]:
-        """(m,) indices into `FINISHES`."""
-        ...
-
-    def normals(self) -> NDArray[np.float64]:
-        """(n, 3) unit normals of the vertices."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,22 +51,17 @@ class SceneTracer:
 
     Parameters
     ----------
-    scene : TracedScene
-        Triangles in the part's frame, mm.
-
-    Raises
-    ------
-    InputError
-        If there are no triangles, or vertices, faces, finishes and normals do not fit together.
+    scene : Scene
+        What light falls on.
     """
 
-    def __init__(self, scene: TracedScene) -> None:
-        vertices, faces, finish, normals = _check_scene(scene)
-        self.faces = faces
-        self.face_finish = finish
-        self.vertex_normals = normals
+    def __init__(self, scene: Scene) -> None:
+        self.faces = scene.faces
+        self.face_finish = scene.face_finish
+        self.vertex_normals = np.ascontiguousarray(scene.normals(), dtype=np.float32)
         self._embree = EmbreeScene()
-        self._mesh = TriangleMesh(self._embree, vertices, faces)
+        vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)
+        self._mesh = TriangleMesh(self._embree, vertices, scene.faces)
 
     def first_hits(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
         """Find what rays meet first.
@@ -119,38 +90,3 @@ class SceneTracer:
         ends = np.full(len(origins), 0.9999, dtype=np.float32)
         found = self._embree.run(origins, directions, dists=ends, query="OCCLUDED")
         return np.asarray(found != -1)
-
-
-def _check_scene(
-    scene: TracedScene,
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.uint8], NDArray[np.float32]]:
-    vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)
-    faces = np.ascontiguousarray(scene.faces, dtype=np.int32)
-    finish = np.ascontiguousarray(scene.face_finish, dtype=np.uint8)
-    normals = np.ascontiguousarray(scene.normals(), dtype=np.float32)
-    shapes_fit = (
-        vertices.ndim == 2
-        and faces.ndim == 2
-        and vertices.shape[1:] == faces.shape[1:] == (3,)
-        and finish.shape == faces.shape[:1]
-        and normals.shape == vertices.shape
-    )
-    if not shapes_fit or not len(faces):
-        msg = (
-            "a scene needs (n, 3) vertices and normals, (m, 3) faces and (m,) finishes, m ≥ 1, "
-            f"got {vertices.shape}, {normals.shape}, {faces.shape} and {finish.shape}"
-        )
-        raise InputError(msg)
-    if not np.isfinite(vertices).all() or not np.isfinite(normals).all():
-        msg = "a scene's vertices and normals must be finite; repair the mesh"
-        raise InputError(msg)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        msg = (
-            f"a scene's faces must name vertices 0 to {len(vertices) - 1}, got {faces.min()} to "
-            f"{faces.max()}"
-        )
-        raise InputError(msg)
-    if finish.max() >= len(FINISHES):
-        msg = f"a face's finish is a number from 0 to {len(FINISHES) - 1}, got {finish.max()}"
-        raise InputError(msg)
-    return vertices, faces, finish, normals

@@ -17,7 +17,6 @@ from exposight.geometry import PixelBox
 from exposight.twin.light.indirect import bounce
 from exposight.twin.light.optics import AMBIENT_SHARE, CameraLens, Lighting, ProjectorLens
 from exposight.twin.light.shading import lamp_of, light_along_rays
-from exposight.twin.light.tracing import MISS_MM
 from exposight.twin.part import SURFACES, Finish, Surface
 
 if TYPE_CHECKING:
@@ -51,31 +50,24 @@ class LightModel:
         Light besides the projector's (Sect. 4.1 of the paper).
     surfaces : mapping of Finish to Surface
         How each finish reflects.
-    samples_per_side : int
-        Each pixel is traced on a grid of n × n rays; 2 changed p_norm by at most 0.02
-        in the first prototype.
     indirect : bool
         Whether light takes the way by a second surface.
 
     Raises
     ------
     InputError
-        If the lighting is unknown or there are not 1 to 4 samples.
+        If the lighting is unknown.
     """
 
     projector: ProjectorLens = field(default_factory=ProjectorLens)
     camera: CameraLens = field(default_factory=CameraLens)
     lighting: Lighting = "I"
     surfaces: Mapping[Finish, Surface] = field(default_factory=lambda: SURFACES)
-    samples_per_side: int = 1
     indirect: bool = True
 
     def __post_init__(self) -> None:
         if self.lighting not in AMBIENT_SHARE:
             msg = f"lighting must be one of {', '.join(AMBIENT_SHARE)}, got {self.lighting!r}"
-            raise InputError(msg)
-        if not 1 <= self.samples_per_side <= 4:
-            msg = f"a pixel needs 1 to 4 samples per side, got {self.samples_per_side}"
             raise InputError(msg)
 
 
@@ -89,9 +81,9 @@ class TileLight:
         The pixels wanted.
     traced : PixelBox
         The pixels that the arrays hold: `box` and up to `HALO_PX` beyond it.
-    direct, column, row, blur_px : (samples, rows, columns) ndarray of float32
+    direct, column, row, blur_px : (rows, columns) ndarray of float32
         Radiance of the fully lit projector in 1/mm², dimmed by the lens; where in the pattern the
-        sample lies and the pattern's blur there, in projector px (0 where unlit).
+        point lies and the pattern's blur there, in projector px (0 where unlit).
     indirect, ambient : (rows, columns) ndarray of float32, 1/mm²
         One bounce of the fully lit projector; light from elsewhere.
     depth_mm : (rows, columns) ndarray of float32, mm
@@ -259,13 +251,6 @@ class _Eye:
         """Return origins and directions (n, 3); a direction's length is that of Z = 1 mm."""
         return self._turned(self.camera.rays()[rows, columns])
 
-    def rays_beside(
-        self, rows: NDArray[np.int64], columns: NDArray[np.int64], du: float, dv: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return rays through points (du, dv) px beside the pixels' centres."""
-        pixels = np.stack([columns + du, rows + dv], axis=-1)
-        return self._turned(self.camera.undistort(pixels))
-
     def _turned(
         self, slopes: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -309,9 +294,7 @@ def _trace_tile(
     camera = eye.camera
     traced = _cut(box, whole_frame(camera), HALO_PX)
     height, width = traced.bottom - traced.top, traced.right - traced.left
-    n = model.samples_per_side
-    samples = np.zeros((4, n * n, height, width), dtype=np.float32)
-    ambient = np.zeros((height, width), dtype=np.float32)
+    direct, column, row, blur_px, ambient = np.zeros((5, height, width), dtype=np.float32)
     depth = np.empty((height, width), dtype=np.float32)
     columns = np.arange(traced.left, traced.right)
     step = max(1, _BAND_RAYS // width)
@@ -322,21 +305,14 @@ def _trace_tile(
         shape = (band_rows.size, width)
         band = slice(start - traced.top, start - traced.top + band_rows.size)
         dimming = _dimming(camera, rows, cols, model.camera.vignetting_exponent)
-        for s in range(n * n):
-            du, dv = (s % n + 0.5) / n - 0.5, (s // n + 0.5) / n - 0.5
-            rays = eye.rays(rows, cols) if n == 1 else eye.rays_beside(rows, cols, du, dv)
-            lit = light_along_rays(tracer, lamp, *rays, model.surfaces)
-            samples[0, s, band] = (lit.radiance * dimming).reshape(shape)
-            samples[1, s, band] = lit.column.reshape(shape)
-            samples[2, s, band] = lit.row.reshape(shape)
-            samples[3, s, band] = lit.blur_px.reshape(shape)
-            share = np.float32(ambient_irradiance / np.pi / n**2)
-            ambient[band] += (lit.reflectance * dimming * share).reshape(shape)
-        if n == 1:
-            depth[band] = lit.distance.reshape(shape)
-        else:
-            depth[band] = tracer.first_hits(*eye.rays(rows, cols)).distance.reshape(shape)
-            depth[band][depth[band] > MISS_MM] = np.nan
+        lit = light_along_rays(tracer, lamp, *eye.rays(rows, cols), model.surfaces)
+        direct[band] = (lit.radiance * dimming).reshape(shape)
+        column[band] = lit.column.reshape(shape)
+        row[band] = lit.row.reshape(shape)
+        blur_px[band] = lit.blur_px.reshape(shape)
+        share = np.float32(ambient_irradiance / np.pi)
+        ambient[band] = (lit.reflectance * dimming * share).reshape(shape)
+        depth[band] = lit.distance.reshape(shape)
     indirect = np.zeros_like(ambient)
     if model.indirect:
         image_shape = (camera.height, camera.width)
@@ -348,10 +324,10 @@ def _trace_tile(
     return TileLight(
         box=box,
         traced=traced,
-        direct=samples[0],
-        column=samples[1],
-        row=samples[2],
-        blur_px=samples[3],
+        direct=direct,
+        column=column,
+        row=row,
+        blur_px=blur_px,
         indirect=indirect,
         ambient=ambient,
         depth_mm=depth,

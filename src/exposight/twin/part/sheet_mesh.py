@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -71,11 +71,7 @@ class SheetMesh:
     outer: NDArray[np.bool_]
 
 
-def mesh_sheet(
-    shape: SheetShape,
-    settings: MeshSettings,
-    progress: Callable[[int, int], None] | None = None,
-) -> SheetMesh:
+def mesh_sheet(shape: SheetShape, settings: MeshSettings) -> SheetMesh:
     """Triangulate a sheet.
 
     Parameters
@@ -84,15 +80,12 @@ def mesh_sheet(
         The sheet. Holes must lie several lattice edges apart and away from its borders.
     settings : MeshSettings
         How finely.
-    progress : callable, optional
-        Called with (steps done, steps in all).
 
     Returns
     -------
     SheetMesh
         Watertight; its genus is the number of holes and the opening.
     """
-    report = progress or (lambda _done, _total: None)
     loops = [
         shape.outline.outline(settings.border_spacing_mm),
         shape.opening.outline(settings.border_spacing_mm)[::-1],
@@ -102,15 +95,9 @@ def mesh_sheet(
         rim, *others = _circles(shape, hole, settings)
         loops.append(rim[::-1])
         circles.extend(others)
-    report(1, 4)
     xy = np.concatenate([*loops, *circles, _lattice(shape, settings)])
     sizes = [len(loop) for loop in loops]
-    report(2, 4)
-    triangles = _triangulate(xy, sizes)
-    report(3, 4)
-    mesh = _close(shape, xy, triangles, sizes, settings.arc_steps)
-    report(4, 4)
-    return mesh
+    return _close(shape, xy, _triangulate(xy, sizes), sizes, settings.arc_steps)
 
 
 def _circle_sizes(

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from exposight.compiled import njit
 from exposight.errors import InputError
 from exposight.twin.random_numbers import mix_bits, stream_key
-from exposight.twin.vectors import Vector, dot, tangents, unit
 
 Finish = Literal["bare", "primer", "paint", "brushed"]
 FINISHES: tuple[Finish, ...] = ("bare", "primer", "paint", "brushed")
@@ -244,3 +243,41 @@ def grain(x_mm: float, y_mm: float, z_mm: float, stretch: float) -> Vector:
         spacing *= 2.0
     scale = 2.0 / (GRAIN_OCTAVES * np.float64((1 << 21) - 1))
     return g0 * scale - 1.0, g1 * scale - 1.0, g2 * scale - 1.0
+
+
+Vector = tuple[float, float, float]
+
+
+@njit(inline="always", error_model="numpy")
+def row(a: NDArray[np.float32], i: int) -> Vector:
+    """Return row i of an (n, 3) array."""
+    return np.float64(a[i, 0]), np.float64(a[i, 1]), np.float64(a[i, 2])
+
+
+@njit(inline="always", error_model="numpy")
+def dot(a: Vector, b: Vector) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(inline="always", error_model="numpy")
+def unit(a: Vector) -> Vector:
+    """Return a vector of length 1 in the same direction."""
+    scale = 1.0 / math.sqrt(dot(a, a))
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@njit(inline="always", error_model="numpy")
+def tangents(normal: Vector) -> tuple[Vector, Vector]:
+    """Return unit vectors along and across the part's x axis in the surface with this normal."""
+    x, y, z = normal
+    if abs(x) < 0.9:
+        along = unit((1.0 - x * x, -x * y, -x * z))
+    else:
+        along = unit((-x * y, 1.0 - y * y, -y * z))
+    across = (
+        y * along[2] - z * along[1],
+        z * along[0] - x * along[2],
+        x * along[1] - y * along[0],
+    )
+    return along, across

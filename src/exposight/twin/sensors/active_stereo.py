@@ -19,9 +19,8 @@ from exposight.imaging.stereo import StereoLimits, match_pair
 from exposight.twin.light import LightModel, ProjectorLens, spread_by_lens, trace_view
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics, expose
-from exposight.twin.sensors.patterns import projector_of
+from exposight.twin.sensors.patterns import DotPattern, projector_of, render_dots, slide_radiance
 from exposight.twin.sensors.raw_frames import frame_files
-from exposight.twin.sensors.slides import DotPattern, render_dots, slide_radiance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,12 +2,12 @@
 
 Under a stripe pattern of f periods over the projector's W columns a pixel's radiance is
 
-    L_n = ½A + ½Re(B·e^(−iδ_n)) + ½G + ambient,    B = c₀·Σ D_s·M_s·exp(i·2π·f·u_s/W),
-    M_s = exp(−2·(π·σ_s·f/W)²),
+    L_n = ½A + ½Re(B·e^(−iδ_n)) + ½G + ambient,    B = c₀·D·M·exp(i·2π·f·u/W),
+    M = exp(−2·(π·σ·f/W)²),
 
-A = Σ D_s over the pixel's samples, G the bounce, σ_s the pattern's blur; along the rows likewise.
-Other patterns, as the bits of a Gray code, are slides. The camera's lens spreads all of it, once
-for all exposures.
+A = D being the light of the fully lit projector, G the bounce, σ the pattern's blur; along the rows
+likewise. Other patterns, as the bits of a Gray code, are slides. The camera's lens spreads all of
+it, once for all exposures.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from exposight.compiled import njit
 from exposight.twin.light import spread_by_lens
 from exposight.twin.random_numbers import NORMAL_TABLE, mix_bits
 from exposight.twin.sensors.exposure import FRAMES_PER_DRAW, grey_value, normals_of, pixel_gain
-from exposight.twin.sensors.slides import slide_radiance
+from exposight.twin.sensors.patterns import Patterns, slide_radiance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,33 +77,6 @@ class StripeLight:
     is_whole: bool
     tiles: tuple[StripeTile, ...]
     true_depth_mm: tuple[NDArray[np.float32], ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Patterns:
-    """Everything that a projector shows, one frame after another.
-
-    A frame's light is the mean light of stripes plus two planes (`StripeTile.cosine` and ``sine``),
-    each with a weight: a shifted fringe's phasor, or what a slide differs by.
-
-    Parameters
-    ----------
-    column_waves, row_waves : (n,) ndarray, 1/px
-        f/W of the fringes along the projector's columns, f/H along its rows.
-    slides : tuple of (blurs, height, width) ndarray of uint16
-        Other patterns (`blurred_slide`).
-    planes : (frames, 2) ndarray of int64
-        Each frame's two planes. Those of column fringes come first, then those of row fringes, then
-        slides, which have no second plane.
-    weights : (frames, 2) ndarray of float32
-        Their weights: cos δ and sin δ of a fringe; 1 and 0 of a slide.
-    """
-
-    column_waves: NDArray[np.float64]
-    row_waves: NDArray[np.float64]
-    slides: tuple[NDArray[np.uint16], ...]
-    planes: NDArray[np.int64]
-    weights: NDArray[np.float32]
 
 
 def stripe_light(view: ViewLight, patterns: Patterns) -> StripeLight:
@@ -204,7 +177,7 @@ def expose_stripes(
 
 @njit(parallel=True, error_model="numpy")
 def _phasors(
-    samples: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     other: tuple[NDArray[np.float32], NDArray[np.float32]],
     waves: NDArray[np.float64],
     contrast: float,
@@ -213,27 +186,20 @@ def _phasors(
     sine: NDArray[np.float32],
 ) -> None:
     """Fill ½A + ½G + ambient, and the real and the imaginary parts of ½B of every wave."""
-    direct, place, blur = samples
+    direct, place, blur = light
     indirect, ambient = other
-    n, n_waves = direct.shape[0], waves.size
     for r in numba.prange(mean.shape[0]):
         for c in range(mean.shape[1]):
-            even = 0.0
-            for k in range(n_waves):
-                real, imaginary = 0.0, 0.0
-                for s in range(n):
-                    d = direct[s, r, c]
-                    if d > 0.0:
-                        blurred = math.pi * blur[s, r, c] * waves[k]
-                        size = d * contrast * math.exp(-2.0 * blurred * blurred)
-                        phase = 2.0 * math.pi * waves[k] * place[s, r, c]
-                        real += size * math.cos(phase)
-                        imaginary += size * math.sin(phase)
-                cosine[k, r, c] = 0.5 * real / n
-                sine[k, r, c] = 0.5 * imaginary / n
-            for s in range(n):
-                even += direct[s, r, c]
-            mean[r, c] = 0.5 * (even / n + indirect[r, c]) + ambient[r, c]
+            d = direct[r, c]
+            for k in range(waves.size):
+                cosine[k, r, c] = sine[k, r, c] = 0.0
+                if d > 0.0:
+                    blurred = math.pi * blur[r, c] * waves[k]
+                    size = d * contrast * math.exp(-2.0 * blurred * blurred)
+                    phase = 2.0 * math.pi * waves[k] * place[r, c]
+                    cosine[k, r, c] = 0.5 * (size * math.cos(phase))
+                    sine[k, r, c] = 0.5 * (size * math.sin(phase))
+            mean[r, c] = 0.5 * (np.float64(d) + indirect[r, c]) + ambient[r, c]
 
 
 @njit(parallel=True, error_model="numpy")

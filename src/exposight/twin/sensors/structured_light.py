@@ -29,13 +29,14 @@ from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics
 from exposight.twin.sensors.patterns import (
     STRIPES,
+    Patterns,
     gray_code_of,
     image_frame,
     projected,
     projector_of,
 )
 from exposight.twin.sensors.raw_frames import frame_files
-from exposight.twin.sensors.stripes import Patterns, StripeLight, expose_stripes, stripe_light
+from exposight.twin.sensors.stripes import StripeLight, expose_stripes, stripe_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

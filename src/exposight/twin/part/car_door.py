@@ -8,12 +8,31 @@ within reach of views planned about f1, those measured from outside in a band of
 
 from __future__ import annotations
 
+import io
+import logging
 import math
+import os
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from exposight.twin.part.presses import Bead, Pocket, PressProfile, RingBead, RoundedPolygon
-from exposight.twin.part.sheet_mesh import MeshSettings
-from exposight.twin.part.sheet_shape import Hole, SheetShape
+import numpy as np
+
+from exposight.cell import Part
+from exposight.errors import FileError
+from exposight.files import KeptFiles
+from exposight.twin.part.scene import Scene, check_scene
+from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
+from exposight.twin.part.sheet_shape import (
+    Bead,
+    Hole,
+    Pocket,
+    PressProfile,
+    RingBead,
+    RoundedPolygon,
+    SheetShape,
+)
+from exposight.twin.part.surfaces import FINISHES
 
 if TYPE_CHECKING:
     from exposight.twin.part.surfaces import Finish
@@ -146,3 +165,81 @@ DOOR_MESH: Final = MeshSettings(
     arc_steps=3,  # 0.2 mm each
 )
 """How finely the door is cut into triangles: about 1.2 million."""
+
+
+logger = logging.getLogger(__name__)
+
+CACHE_VARIABLE = "EXPOSIGHT_CACHE"
+"""Environment variable that names another cache folder."""
+
+_VERSION = 1
+"""To be raised when the same design gives another mesh."""
+
+_CACHED = "door.npz"
+
+
+def build_door() -> Scene:
+    """Build the door from its design; the same one every time, in some seconds.
+
+    Returns
+    -------
+    Scene
+        Watertight, about 1.2 million triangles; the inside bare, the outside in three zones.
+    """
+    mesh = mesh_sheet(DOOR, DOOR_MESH)
+    x_mm = mesh.vertices[mesh.faces, 0].mean(axis=1)
+    borders = [border for border, _ in OUTSIDE_ZONES[:-1]]
+    zone_finish = np.array([FINISHES.index(finish) for _, finish in OUTSIDE_ZONES], dtype=np.uint8)
+    bare = np.uint8(FINISHES.index("bare"))
+    finish = np.where(mesh.outer, zone_finish[np.searchsorted(borders, x_mm, side="right")], bare)
+    return check_scene(
+        Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=door_part())
+    )
+
+
+def door(cache: Path | None = None) -> Scene:
+    """Return the door, from the cache where it is there and undamaged.
+
+    Parameters
+    ----------
+    cache : Path, optional
+        Folder of the cache; default is `cache_folder`.
+
+    Returns
+    -------
+    Scene
+        As `build_door` makes it.
+    """
+    decisive = (_VERSION, DOOR, DOOR_MESH, OUTSIDE_ZONES)
+    kept = KeptFiles(Path(cache or cache_folder()), repr(decisive))
+    path = kept.find(_CACHED)
+    if path is not None:
+        with np.load(path, allow_pickle=False) as archive:
+            return Scene(**archive, part=door_part())
+    scene = build_door()
+    buffer = io.BytesIO()
+    np.savez(buffer, vertices=scene.vertices, faces=scene.faces, face_finish=scene.face_finish)
+    try:
+        kept.path(_CACHED).parent.mkdir(parents=True, exist_ok=True)
+        kept.keep(_CACHED, buffer.getvalue())
+    except (OSError, FileError) as error:
+        logger.warning("the door could not be cached (%s); it is built again next time", error)
+    return scene
+
+
+def cache_folder() -> Path:
+    """Return the folder of exposight's cache: `CACHE_VARIABLE`, or the platform's own place."""
+    chosen = os.environ.get(CACHE_VARIABLE)
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "exposight"
+    if sys.platform == "win32":
+        local = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+        return Path(local) / "exposight" / "Cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exposight"
+
+
+def door_part() -> Part:
+    """Return the door with its 35 features; no mesh is needed for it."""
+    return Part(name="door", features=tuple(map(DOOR.feature, DOOR.holes)))
