@@ -13,7 +13,7 @@ from exposight.cell import ActiveSensor, Capture, Cloud, ExposureRange, sensor_p
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import observe_capture, orientation_deg, point_search, view_features
 from exposight.twin.part import DOOR, FINISHES, door
-from exposight.twin.part import door_scene as door_module
+from exposight.twin.part import car_door as door_module
 from exposight.twin.part.car_door import CACHE_VARIABLE, cache_folder
 
 BEFORE_INSIDE = RigidTransform()
