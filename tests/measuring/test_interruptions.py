@@ -155,8 +155,13 @@ def test_an_unfinished_table_goes_on_with_its_own_views_only(tmp_path, sheet_pla
         measure_observations(
             sheet_plan, cell(sheet_plan), table_path=table, progress=at(4, interrupt)
         )
-    for driver in (cell(replace(sheet_plan, seed=9)), cell(sheet_plan, lighting="III")):
-        plan = replace(sheet_plan, seed=driver.seed)
+    other_sensor = replace(sheet_plan.sensor, name="another")
+    for driver in (
+        cell(replace(sheet_plan, seed=9)),
+        cell(replace(sheet_plan, sensor=other_sensor)),
+        cell(sheet_plan, lighting="III"),
+    ):
+        plan = replace(sheet_plan, seed=driver.seed, sensor=driver.sensor)
         with pytest.raises(KeyboardInterrupt):
             measure_observations(plan, driver, table_path=table, progress=at(0, interrupt))
     measure_observations(sheet_plan, cell(sheet_plan), table_path=table, progress=reports)

@@ -176,7 +176,8 @@ def measure_observations(
     check_table_path(table_path)
     job = _Job(plan, driver, part, False, workers, cluster, progress)
     with _folder_beside(table_path) as folder:
-        kept = KeptFiles(folder, plan_to_toml(plan), json.dumps(job.description))
+        decisive = (plan_to_toml(plan), plan.sensor.to_json(), json.dumps(job.description))
+        kept = KeptFiles(folder, *decisive)
         paths = {f"{i:06d}.csv": view.name for i, view in enumerate(job.views)}
         found = {name: path for file, name in paths.items() if (path := kept.find(file))}
         files = {name: file for file, name in paths.items()}

@@ -9,8 +9,9 @@ from scipy.ndimage import binary_erosion, map_coordinates
 from exposight.cell import sensor_preset
 from exposight.errors import InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.twin.light import ProjectorLens, SceneTracer, spread_by_lens, trace_view
+from exposight.twin.light import ProjectorLens, SceneTracer, trace_view
 from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotPattern, DotSensor
+from exposight.twin.sensors.exposure import spread_by_lens
 from exposight.twin.sensors.patterns import BLURS_PX, render_dots, slide_radiance
 
 DEPTH_MEDIAN_MM = 0.3

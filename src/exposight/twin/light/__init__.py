@@ -5,7 +5,6 @@ from exposight.twin.light.optics import (
     CameraLens,
     Lighting,
     ProjectorLens,
-    spread_by_lens,
 )
 from exposight.twin.light.tracing import MISS_MM, SceneTracer
 from exposight.twin.light.view_light import LightModel, TileLight, ViewLight, trace_view

@@ -16,9 +16,9 @@ from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
 from exposight.imaging.rectification import RectifiedPair, rectify
 from exposight.imaging.stereo import StereoLimits, match_pair
-from exposight.twin.light import LightModel, ProjectorLens, spread_by_lens, trace_view
+from exposight.twin.light import LightModel, ProjectorLens, trace_view
 from exposight.twin.random_numbers import stream_key
-from exposight.twin.sensors.exposure import CameraElectronics, expose
+from exposight.twin.sensors.exposure import CameraElectronics, expose, spread_by_lens
 from exposight.twin.sensors.patterns import DotPattern, projector_of, render_dots, slide_radiance
 from exposight.twin.sensors.raw_frames import frame_files
 

@@ -20,9 +20,14 @@ import numba
 import numpy as np
 
 from exposight.compiled import njit
-from exposight.twin.light import spread_by_lens
 from exposight.twin.random_numbers import NORMAL_TABLE, mix_bits
-from exposight.twin.sensors.exposure import FRAMES_PER_DRAW, grey_value, normals_of, pixel_gain
+from exposight.twin.sensors.exposure import (
+    FRAMES_PER_DRAW,
+    grey_value,
+    normals_of,
+    pixel_gain,
+    spread_by_lens,
+)
 from exposight.twin.sensors.patterns import Patterns, slide_radiance
 
 if TYPE_CHECKING:
