@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,8 @@ from cyclopts.types import NonNegativeInt
 
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
-from exposight.models import Evaluation, model_named
+from exposight.models import model_named
+from exposight.planning import ModelScores
 from exposight.plans import PLANS
 from exposight.report import (
     EXPOSURE_MODEL,
@@ -24,6 +25,8 @@ from exposight.tables import Column, Table, number
 
 _QUICK_MODELS = ("q_k1", QUALITY_MODEL, "e_k1", EXPOSURE_MODEL)
 _QUICK_PLAN = "small"
+_KNOWN = "Models on the features that they were trained on"
+_UNSEEN = "Models on unseen features"
 
 
 def demo_command(
@@ -67,6 +70,8 @@ def demo_command(
         report.write(output)
         progress("writing the report", 1, 1)
     view, summary = report.view, report.summary
+    unseen = tuple(result.evaluation for result in report.results)
+    known = tuple(result.training for result in report.results if result.training is not None)
     mean = view.p_norm.mean(axis=0)
     means = ", ".join(
         f"{p_norm:.2f} at {number(exposure_ms)} ms"
@@ -83,41 +88,15 @@ def demo_command(
             fact("mean_p_norm", mean.tolist(), means),
             fact("output", str(output)),
         ),
-        tables=(_models(report), _new_view(report)),
+        tables=(
+            replace(ModelScores(evaluations=known).table, name="known", title=_KNOWN),
+            replace(ModelScores(evaluations=unseen).table, name="unseen", title=_UNSEEN),
+            _new_view(report),
+        ),
         notes=("these numbers are the simulated cell's, not a real sensor's",),
         files=(file,),
         next_step=f"info {output / 'models' / (QUALITY_MODEL + '.exposight-model')}",
     )
-
-
-def _models(report: CampaignReport) -> Table:
-    return Table.of(
-        "models",
-        (
-            {
-                "model": own.name,
-                "title": own.model.title,
-                "target": own.model.target,
-                **_scores("known", own.training),
-                **_scores("unseen", own.evaluation),
-            }
-            for own in report.results
-        ),
-        (
-            Column(name="model"),
-            Column(name="title", label="predicts", wraps=True),
-            Column(name="known_r2_percent", label="known\nR² %", decimals=1),
-            Column(name="known_rmse", label="known\nRMSE", digits=3, error_of="target"),
-            Column(name="unseen_r2_percent", label="unseen\nR² %", decimals=1),
-            Column(name="unseen_rmse", label="unseen\nRMSE", digits=3, error_of="target"),
-        ),
-        title="Models, on the features they were trained on and on unseen ones",
-    )
-
-
-def _scores(features: str, evaluation: Evaluation | None) -> dict[str, float | None]:
-    scores = {} if evaluation is None else asdict(evaluation.score)
-    return {f"{features}_{name}": value for name, value in scores.items()}
 
 
 def _new_view(report: CampaignReport) -> Table:

@@ -57,9 +57,7 @@ def _kind(name: str, known_by: str, matches: Matches) -> Callable[[Describe], De
 def info_command(file: Path, /) -> Result:
     """Identify a file or folder and summarise its content.
 
-    Knows campaigns, models, sensors, feature lists, observation tables, point clouds, images,
-    folders of frames, calibrations, pattern sequences and measuring plans. Campaigns and models are
-    verified against their checksums.
+    Campaigns and models are verified against their checksums.
 
     For example:
 
@@ -70,7 +68,8 @@ def info_command(file: Path, /) -> Result:
     Parameters
     ----------
     file
-        Any of these files or folders, or the name of a measuring plan or sensor preset.
+        Campaign, model, sensor, feature list, observation table, point cloud, image, folder of
+        frames, calibration, pattern sequence or measuring plan; or the name of a plan or sensor.
     """
     if not file.exists() and str(file) not in (names := (*PLANS, *PRESETS)):
         msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
@@ -183,8 +182,7 @@ def _sensor(path: Path) -> Iterable[Fact]:
     return sensor_facts(cell.sensor_named_or_read(str(path)))
 
 
-@_kind("observation table", ".csv", _named(".csv", having="exposure_ms|p_norm"))
-@_kind("observation table", ".parquet", _named(".parquet"))
+@_kind("observation table", ".csv, .parquet", _named(".csv", ".parquet", having="exposure_ms"))
 def _observations(path: Path) -> Iterator[Fact]:
     table = read_observations(path)
     counts = table.counts()
@@ -211,7 +209,7 @@ def _features(path: Path) -> Iterator[Fact]:
 def _cloud(path: Path) -> Iterator[Fact]:
     cloud = cell.read_cloud(path)
     yield from _facts(points=cloud.n_valid, organised=cloud.organised)
-    yield fact("shape", list(cloud.valid.shape), " × ".join(map(str, cloud.valid.shape)))
+    yield fact("shape", list(cloud.valid.shape))
     for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
         yield _range(name, cloud.valid_points[:, axis])
     yield fact("unit", "mm", "taken to be mm; the file does not say")
@@ -225,7 +223,7 @@ def _image(path: Path) -> Iterator[Fact]:
         raise ImageError(msg)
     bits = 8 * image.dtype.itemsize
     clipped = float(np.mean(image == 2**bits - 1))
-    yield fact("size_px", [image.shape[1], image.shape[0]], f"{image.shape[1]} × {image.shape[0]}")
+    yield fact("size_px", [image.shape[1], image.shape[0]])
     yield from _facts(bits=bits, channels=1 if image.ndim == 2 else image.shape[2])
     yield _range("grey_levels", (image.min(), image.max()))
     yield fact("clipped_share", clipped, f"{100 * clipped:.1f} % at full scale")

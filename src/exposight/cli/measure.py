@@ -140,91 +140,58 @@ def carry_out(
     before = len(CampaignFolder(output)) if (output / "campaign.json").is_file() else 0
     if options.observe:
         check_table_path(output)  # before anything that takes time
+    files = [Written.at(output, "observations" if options.observe else "campaign")]
+    run: dict[str, Any] = {"workers": workers, "cluster": options.cluster}
     with progress_bars(kept_in=kept_in) as progress:
         driver = make_driver()
         if options.observe:
-            files = [Written.at(output, "observations")]
-            table = measure_observations(
-                plan,
-                driver,
-                table_path=output,
-                workers=workers,
-                cluster=options.cluster,
-                progress=progress,
-            )
+            table = measure_observations(plan, driver, table_path=output, progress=progress, **run)
         else:
-            files = [Written.at(output, "campaign")]
-            measure(
-                plan,
-                driver,
-                output,
-                clouds=not options.no_clouds,
-                workers=workers,
-                cluster=options.cluster,
-                progress=progress,
-            )
+            clouds = not options.no_clouds
+            measure(plan, driver, output, clouds=clouds, progress=progress, **run)
+    seconds = time.perf_counter() - start
     next_step = f"{'train' if options.observe else 'observe'} {quote(str(output))}"
     if options.no_clouds:
         files.append(Written(kind="observations", path=output / OBSERVATIONS_FILE, replaced=False))
         next_step = f"train {quote(str(files[-1].path))}"
-    facts = _facts(plan, driver, options, workers, before, time.perf_counter() - start)
-    if options.observe:
-        facts = (*facts, fact("rows", len(table)))
-    else:
-        size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
-        facts = (*facts, fact("bytes", size, f"{number(size / 1e6, 3)} MB"))
-    blind = [name for name, n in _views_of_feature(plan, driver).items() if not n]
+    planned = plan.views(driver.part)
+    exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]
+    counted_views = Counter(name for view in planned for name in view.visible)
+    visible = {name: counted_views[name] for name in plan.features}
+    blind = [name for name, n in visible.items() if not n]
+    processes = min(workers, max(1, len(planned)))  # a view is done by one of them
+    there = f", {count(before)} of them were there before" if before else ""
+    shortest, longest = min(exposures), max(exposures)
+    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
     return Result(
         title=f"{plan.name}: part {driver.part.name}, {plan.sensor.name}",
-        facts=facts,
+        facts=(
+            fact("plan", plan.name, ""),
+            fact("sensor", preset_name(plan.sensor) or plan.sensor.name, ""),
+            fact("part", driver.part.name, ""),
+            fact("views", len(planned)),
+            fact("views_of_feature", visible, ""),
+            fact("captures", len(exposures), count(len(exposures)) + there),
+            fact("captures_before", before, ""),
+            fact(
+                "exposures_ms",
+                {"min": shortest, "max": longest},
+                f"{number(shortest)} to {number(longest)}",
+            ),
+            fact("workers", None if options.cluster else processes, ""),
+            fact("cluster", options.cluster, ""),
+            fact(
+                "seconds",
+                seconds,
+                f"{number(seconds, 3)}, {options.cluster or counted(processes, 'worker')}",
+            ),
+            fact("bytes", size, f"{number(size / 1e6, 3)} MB" if size else ""),
+        ),
         tables=(visibility_table(table),) if options.observe else (),
         notes=(f"no view sees {', '.join(blind)}",) if blind else (),
         files=tuple(files),
         next_step=next_step,
     )
-
-
-def _facts(
-    plan: MeasuringPlan,
-    driver: Any,
-    options: RunOptions,
-    workers: int,
-    before: int,
-    seconds: float,
-) -> tuple[Fact, ...]:
-    planned = plan.views(driver.part)
-    exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]
-    visible = _views_of_feature(plan, driver)
-    there = f", {count(before)} of them were there before" if before else ""
-    processes = min(workers, max(1, len(planned)))  # a view is done by one of them
-    where = options.cluster or counted(processes, "worker")
-    return (
-        fact("plan", plan.name, ""),
-        fact("sensor", preset_name(plan.sensor) or plan.sensor.name, ""),
-        fact("part", driver.part.name, ""),
-        fact("views", len(planned)),
-        fact(
-            "views_of_feature",
-            visible,
-            f"{sum(1 for n in visible.values() if n)} of {len(visible)} features are visible",
-        ),
-        fact("captures", len(exposures), count(len(exposures)) + there),
-        fact("captures_before", before, ""),
-        fact(
-            "exposures_ms",
-            {"min": min(exposures), "max": max(exposures)},
-            f"{number(min(exposures))} to {number(max(exposures))}",
-        ),
-        fact("workers", None if options.cluster else processes, ""),
-        fact("cluster", options.cluster, ""),
-        fact("seconds", seconds, f"{number(seconds, 3)}, {where}"),
-    )
-
-
-def _views_of_feature(plan: MeasuringPlan, driver: Any) -> dict[str, int]:
-    """Return in how many views each feature can be seen."""
-    visible = Counter(name for view in plan.views(driver.part) for name in view.visible)
-    return {name: visible[name] for name in plan.features}
 
 
 def plan_from(name_or_path: str) -> MeasuringPlan:

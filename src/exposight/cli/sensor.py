@@ -121,38 +121,26 @@ def sensor_command(
 
 def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
     """Return what is known about a sensor."""
-    low, high, step = (
-        sensor.exposure.min_ms,
-        sensor.exposure.max_ms,
-        sensor.exposure.increment_ms,
-    )
-    near_mm, far_mm = sensor.working_distance_mm
-    light = sensor.projector
-    tcp_mm = sensor.camera_from_tcp.translation_mm.tolist()
+    limits, light = sensor.exposure, sensor.projector
+    low, high, step = limits.min_ms, limits.max_ms, limits.increment_ms
     return (
         fact("name", sensor.name),
         fact("cameras", len(sensor.cameras)),
         *camera_facts("camera", sensor.camera),
         fact("projector_px", None if light is None else [light.width, light.height]),
         fact("exposures_ms", [low, high, step], f"{low:g} to {high:g} in steps of {step:g}"),
-        fact("working_distance_mm", [near_mm, far_mm], f"{number(near_mm)} to {number(far_mm)}"),
-        fact("tcp_mm", tcp_mm, f"{', '.join(map(number, tcp_mm))} in the camera's frame"),
+        fact("working_distance_mm", list(sensor.working_distance_mm)),
+        fact("tcp_mm", sensor.camera_from_tcp.translation_mm.tolist()),
     )
 
 
 def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
     """Return a camera's or projector's intrinsic parameters."""
-    lens = ", ".join(number(value, 3) for value in camera.distortion)
-    size, focal, centre = (
-        (camera.width, camera.height),
-        (camera.fx, camera.fy),
-        (camera.cx, camera.cy),
-    )
     return (
-        fact(f"{name}_size_px", list(size), f"{camera.width} × {camera.height}"),
-        fact(f"{name}_focal_px", list(focal), ", ".join(number(f, 6) for f in focal)),
-        fact(f"{name}_centre_px", list(centre), ", ".join(number(c, 6) for c in centre)),
-        fact(f"{name}_distortion", list(camera.distortion), lens or "none"),
+        fact(f"{name}_size_px", [camera.width, camera.height]),
+        fact(f"{name}_focal_px", [camera.fx, camera.fy]),
+        fact(f"{name}_centre_px", [camera.cx, camera.cy]),
+        fact(f"{name}_distortion", list(camera.distortion)),
     )
 
 

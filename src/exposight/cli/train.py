@@ -13,7 +13,6 @@ from cyclopts.types import NonNegativeInt, PositiveInt
 from exposight.cell import sensor_named_or_read
 from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
-from exposight.errors import InputError, did_you_mean
 from exposight.files import make_folder
 from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
@@ -23,7 +22,7 @@ from exposight.workers import usual_workers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from exposight.models import GaussianProcessModel, ModelSpecification, Predictor
+    from exposight.models import GaussianProcessModel, Predictor
     from exposight.observing import ObservationTable
 
 _ALL = "all"
@@ -76,7 +75,7 @@ def train_command(
     cluster
         Train on a Dask scheduler's workers, tcp://host:8786.
     """
-    specifications = MODELS if _ALL in names else tuple(map(_model, dict.fromkeys(names)))
+    specifications = MODELS if _ALL in names else tuple(map(model_named, dict.fromkeys(names)))
     table = read_observations(observations)
     owner = None if sensor is None else sensor_named_or_read(sensor)
     make_folder(output, "the models")
@@ -104,15 +103,6 @@ def train_command(
         notes=tuple(_notes(table, models)),
         files=tuple(files),
     )
-
-
-def _model(name: str) -> ModelSpecification:
-    try:
-        return model_named(name)
-    except InputError as error:
-        known = (*(model.name for model in MODELS), _ALL)
-        msg = f"{error}, {_ALL}{did_you_mean(name, known)}"
-        raise InputError(msg) from error
 
 
 def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> list[str]:
