@@ -9,8 +9,8 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt
 
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.models import model_named
 from exposight.planning import ModelScores
 from exposight.plans import PLANS

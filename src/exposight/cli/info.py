@@ -13,9 +13,9 @@ import numpy as np
 from exposight import cell
 from exposight.cell import CLOUD_SUFFIXES, PRESETS, CampaignFolder
 from exposight.cli.measure import plan_from, plan_summary
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
+from exposight.cli.terminal import progress_bars
 from exposight.cli.train import hyperparameter_table
 from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
 from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera

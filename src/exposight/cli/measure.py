@@ -15,8 +15,8 @@ from cyclopts.types import PositiveInt
 from exposight.cell import CampaignFolder, preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.observe import visibility_table
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.drivers import ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.measuring import (

@@ -23,8 +23,8 @@ from exposight.cell import (
 )
 from exposight.cli.app import UsageError
 from exposight.cli.pose import PoseOptions
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError
 from exposight.imaging import read_frames
 from exposight.observing import observe_campaign

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.planning import ModelScores
 from exposight.report import write_campaign_report
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import polars as pl
 from cyclopts import Parameter
 
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.errors import FileError, MissingFileError
 from exposight.paper import StudySettings, run_study
 from exposight.report import write_study

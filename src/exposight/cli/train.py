@@ -11,8 +11,8 @@ from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt, PositiveInt
 
 from exposight.cell import sensor_named_or_read
-from exposight.cli.progress import progress_bars
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.files import make_folder
 from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
