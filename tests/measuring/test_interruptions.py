@@ -95,6 +95,7 @@ def wait_for_another_file(folder, pattern):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+@pytest.mark.slow
 def test_a_run_killed_at_ten_random_moments_goes_on_to_the_same_bytes(
     tmp_path, long_plan, cell, content, killed
 ):
@@ -119,6 +120,7 @@ def test_a_run_killed_at_ten_random_moments_goes_on_to_the_same_bytes(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+@pytest.mark.slow
 def test_observing_at_once_goes_on_after_kills_to_the_same_table(
     tmp_path, sheet_plan, cell, killed, reports
 ):
@@ -200,6 +202,7 @@ def test_a_worker_that_is_killed_is_told_and_costs_no_capture(
     assert content(folder) == content(alone)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_workers_before_the_next_writer_is_let_in(
     tmp_path, alone, cell, sheet_plan, content, reports
 ):
@@ -240,6 +243,7 @@ def test_an_unfinished_table_leaves_nothing_behind_before_the_first_view(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_an_interrupt_at_any_write_before_the_first_view_costs_nothing(
     tmp_path, alone, cell, sheet_plan, content, monkeypatch
 ):

@@ -68,6 +68,7 @@ def test_notes_tell_how_a_view_was_aligned_and_what_was_taken(alone):
     assert all(note.endswith("only the neighbourhoods of the rings were taken") for note in notes)
 
 
+@pytest.mark.slow
 def test_four_workers_give_the_same_bytes_as_one(
     tmp_path, alone, cell, sheet_plan, content, reports
 ):
