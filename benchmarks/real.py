@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from benchmarks.agreement import compare_along_rays
 from benchmarks.measuring import Figure, at_least, at_most, best_of, publish, say
 from benchmarks.plate import (
     TrimeshSearch,
@@ -28,7 +29,6 @@ from benchmarks.plate import (
 from exposight.cell import MemoryCampaign, sensor_preset
 from exposight.geometry import read_projector_camera
 from exposight.imaging import (
-    compare_along_rays,
     decode,
     read_recording,
     sequence_named_or_read,

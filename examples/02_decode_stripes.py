@@ -7,7 +7,7 @@ import numpy as np
 
 import exposight as xs
 from exposight.geometry import PinholeCamera
-from exposight.imaging import FrameStack, Fringe, PatternSequence, PhaseShift, triangulate
+from exposight.imaging import AxisCoding, FrameStack, Fringe, PatternSequence, triangulate
 
 camera = PinholeCamera(
     width=640, height=480, fx=800, fy=800, cx=320, cy=240, distortion=(-0.15, 0.05, 0, 0)
@@ -18,7 +18,7 @@ sequence = PatternSequence(
     name="one fringe, then sixteen",
     projector_width=projector.width,
     projector_height=projector.height,
-    columns=PhaseShift(
+    columns=AxisCoding(
         fringes=(Fringe(periods=1, frames=(0, 1, 2, 3)), Fringe(periods=16, frames=(4, 5, 6, 7)))
     ),
 )

@@ -4,12 +4,12 @@ import pytest
 
 from exposight.errors import ImageError
 from exposight.imaging import (
+    AxisCoding,
     DecodingLimits,
     FrameStack,
     Fringe,
     GrayCode,
     PatternSequence,
-    PhaseShift,
     decode,
     re_expose,
     read_recording,
@@ -17,8 +17,8 @@ from exposight.imaging import (
 
 BOTH = PatternSequence(
     name="both axes", projector_width=16, projector_height=8,
-    columns=PhaseShift(fringes=(Fringe(periods=1, frames=(0, 1, 2)),)),
-    rows=GrayCode(frames=(3, 4, 5), inverse_frames=(6, 7, 8)),
+    columns=AxisCoding(fringes=(Fringe(periods=1, frames=(0, 1, 2)),)),
+    rows=AxisCoding(gray_code=GrayCode(frames=(3, 4, 5), inverse_frames=(6, 7, 8))),
 )  # fmt: skip
 
 

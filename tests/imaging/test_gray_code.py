@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from exposight.imaging import (
+    AxisCoding,
     DecodingLimits,
     FrameStack,
     GrayCode,
@@ -22,7 +23,7 @@ def sequence_of(*, inverse=True, code_width=1, **changes):
     )
     settings = {
         "name": "test", "projector_width": 256 * code_width, "projector_height": 8,
-        "columns": coding, "white_frame": 0, "black_frame": 1,
+        "columns": AxisCoding(gray_code=coding), "white_frame": 0, "black_frame": 1,
     }  # fmt: skip
     return PatternSequence(**{**settings, **changes})
 

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from exposight.imaging import (
+    AxisCoding,
     DecodingLimits,
     FrameStack,
     Fringe,
     GrayCode,
     PatternSequence,
-    PhaseShift,
     PixelFlag,
     decode,
 )
@@ -33,7 +33,7 @@ def sequence_of(periods, n_steps, size=1024, bit_depth=16, gray_code=None, first
     )
     return PatternSequence(
         name="test", projector_width=size, projector_height=8, bit_depth=bit_depth,
-        columns=PhaseShift(fringes=fringes, gray_code=gray_code),
+        columns=AxisCoding(fringes=fringes, gray_code=gray_code),
     )  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def test_unequal_steps_and_ambient_light_do_not_move_a_column(render_fringe):
     )
     sequence = PatternSequence(
         name="test", projector_width=1024, projector_height=8, bit_depth=16,
-        columns=PhaseShift(fringes=fringes),
+        columns=AxisCoding(fringes=fringes),
     )  # fmt: skip
     for gain, ambient in ((1.0, 0.0), (0.4, 60.0)):
         stack = recorded([gain * image + ambient for image in images])

@@ -5,9 +5,9 @@ import pytest
 from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.imaging import (
     SEQUENCE_PRESETS,
+    AxisCoding,
     Fringe,
     GrayCode,
-    PhaseShift,
     read_sequence,
     sequence_named_or_read,
     sequence_to_toml,
@@ -29,19 +29,20 @@ def read(tmp_path):
 
 def test_gray_code(read):
     sequence = read(HEAD + 'bit_depth = 12\nfile_pattern = "p*.tif"\n' + GRAY)
-    assert sequence.columns == GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+    assert sequence.columns == AxisCoding(
+        gray_code=GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+    )
     assert sequence.rows is None
     assert (sequence.bit_depth, sequence.file_pattern) == (12, "p*.tif")
 
 
 def test_fringes(read):
     sequence = read(HEAD + "[[rows.fringes]]\nperiods = 1\nframes = [0, 1, 2]\n")
-    assert sequence.rows == PhaseShift(fringes=(Fringe(periods=1, frames=(0, 1, 2)),))
+    assert sequence.rows == AxisCoding(fringes=(Fringe(periods=1, frames=(0, 1, 2)),))
 
 
 def test_fringes_within_gray_code(read):
     sequence = read(HEAD + GRAY + "[[columns.fringes]]\nperiods = 8\nframes = [8, 9, 10]\n")
-    assert isinstance(sequence.columns, PhaseShift)
     assert sequence.columns.gray_code == GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
 
 

@@ -3,16 +3,16 @@ import pytest
 from exposight.errors import ImageError
 from exposight.imaging import (
     SEQUENCE_PRESETS,
+    AxisCoding,
     Fringe,
     GrayCode,
     PatternSequence,
-    PhaseShift,
     sequence_named_or_read,
 )
 
 COARSE = Fringe(periods=1, frames=(0, 1, 2))
 FINE = Fringe(periods=16, frames=(3, 4, 5))
-GRAY = GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7))
+GRAY = AxisCoding(gray_code=GrayCode(frames=(0, 1, 2, 3), inverse_frames=(4, 5, 6, 7)))
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_steps_are_equal_by_default():
             lambda: Fringe(periods=1, frames=(0, 1, 2), shifts_deg=(0, 180, 360)),
             "at least three different shifts",
         ),
-        (lambda: PhaseShift(fringes=()), "from few periods to many, at least one"),
-        (lambda: PhaseShift(fringes=(FINE, COARSE)), "from few periods to many"),
-        (lambda: PhaseShift(fringes=(FINE,)), "the coarsest fringe must have one period, got 16"),
+        (lambda: AxisCoding(fringes=()), "need a gray_code table, fringes, or both"),
+        (lambda: AxisCoding(fringes=(FINE, COARSE)), "from few periods to many"),
+        (lambda: AxisCoding(fringes=(FINE,)), "the coarsest fringe must have one period, got 16"),
     ],
 )
 def test_bad_codings(build, message):
@@ -66,19 +66,29 @@ def test_bad_codings(build, message):
         ({"columns": GRAY, "projector_width": 0}, "a projector's size must be positive"),
         ({"columns": GRAY, "bit_depth": 14}, "a bit depth must be 8, 10, 12 or 16, got 14"),
         ({"columns": GRAY, "white_frame": 9}, "given together or not at all"),
-        ({"columns": GrayCode(frames=(0, 1, 2, 3))}, "of the columns has no inverse frames"),
+        (
+            {"columns": AxisCoding(gray_code=GrayCode(frames=(0, 1, 2, 3)))},
+            "of the columns has no inverse frames",
+        ),
         ({"columns": GRAY, "rows": GRAY}, r"but \[0, 1, .*\] are used more than once"),
         ({"columns": GRAY, "projector_width": 17}, "covers 16 px of a projector of 17 px"),
         (
             {
-                "columns": PhaseShift(
+                "columns": AxisCoding(
                     fringes=(Fringe(periods=32, frames=(8, 9, 10)),),
                     gray_code=GrayCode(frames=(0,), inverse_frames=(1,), code_width=8),
                 )
             },
             "more than the 0.5 px over which the coarsest fringes are unambiguous",
         ),
-        ({"columns": GrayCode(frames=(-1,), inverse_frames=(0,), code_width=16)}, "from 0, got -1"),
+        (
+            {
+                "columns": AxisCoding(
+                    gray_code=GrayCode(frames=(-1,), inverse_frames=(0,), code_width=16)
+                )
+            },
+            "from 0, got -1",
+        ),
     ],
 )
 def test_bad_sequences(settings, message):

@@ -93,8 +93,7 @@ def test_an_ideal_aligned_pair_needs_no_turning():
     pair = rectify(*sensor.cameras, sensor.first_from_camera[1])
     image = np.random.default_rng(1).integers(0, 255, (960, 1280), dtype=np.uint8)
     assert pair.camera == sensor.camera
-    assert np.array_equal(pair.turn_first(image), image)
-    assert np.array_equal(pair.turn_second(image), image)
+    assert np.array_equal(pair.turn(image, image), [image, image])
 
 
 def test_rectified_points_lie_on_one_row_and_apart_by_their_disparity():
@@ -119,7 +118,7 @@ def test_rectified_images_are_opencvs_for_the_same_rotation_and_camera():
         size, cv2.CV_32FC1,
     )  # fmt: skip
     expected = cv2.remap(image, *maps, cv2.INTER_CUBIC)
-    assert np.abs(pair.turn_first(image).astype(int) - expected).mean() < 0.05
+    assert np.abs(pair.turn(image, image)[0].astype(int) - expected).mean() < 0.05
 
 
 def test_rectifying_turns_both_cameras_as_far_as_opencv_does():

@@ -3,17 +3,17 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from benchmarks.agreement import compare_along_rays
 
 from exposight.cell import Cloud
 from exposight.errors import CloudError, ImageError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import (
+    AxisCoding,
     DecodedMap,
     FrameStack,
     Fringe,
     PatternSequence,
-    PhaseShift,
-    compare_along_rays,
     decode,
     triangulate,
 )
@@ -176,7 +176,7 @@ def test_from_frames_to_the_plane(scene, render_fringe):
     images = np.concatenate([render_fringe(scene.column, p, 256, shifts) for p in periods])
     sequence = PatternSequence(
         name="1:8:64", projector_width=256, projector_height=192, bit_depth=16,
-        columns=PhaseShift(
+        columns=AxisCoding(
             fringes=tuple(
                 Fringe(periods=p, frames=tuple(range(4 * i, 4 * i + 4)))
                 for i, p in enumerate(periods)

@@ -5,12 +5,12 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from benchmarks.agreement import compare_along_rays
 from scipy.io import loadmat
 
 from exposight.geometry import read_projector_camera
 from exposight.imaging import (
     PixelFlag,
-    compare_along_rays,
     decode,
     re_expose,
     read_recording,

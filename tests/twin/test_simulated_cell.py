@@ -11,10 +11,10 @@ from exposight.cell import ActiveSensor, ExposureRange, Projector, sensor_preset
 from exposight.errors import FormatError, ImageError, InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging import (
+    AxisCoding,
     Fringe,
     GrayCode,
     PatternSequence,
-    PhaseShift,
     sequence_named_or_read,
     sequence_to_toml,
 )
@@ -183,26 +183,28 @@ def _odd_sequence(**coding: object) -> PatternSequence:
 
 
 _BITS = GrayCode(frames=tuple(range(2, 12)), code_width=1)
-_GRAY_AND_FRINGES = PhaseShift(
+_GRAY_AND_FRINGES = AxisCoding(
     fringes=(Fringe(periods=32, frames=(8, 9, 10)),),
     gray_code=GrayCode(frames=tuple(range(2, 8)), code_width=19),
 )
 _BOTH_AXES = {
-    "columns": PhaseShift(
+    "columns": AxisCoding(
         fringes=(
             Fringe(periods=1, frames=(0, 1, 2)),
             Fringe(periods=5, frames=(3, 4, 5)),
             Fringe(periods=23, frames=(6, 7, 8)),
         )
     ),
-    "rows": PhaseShift(
+    "rows": AxisCoding(
         fringes=(Fringe(periods=1, frames=(9, 10, 11)), Fringe(periods=9, frames=(12, 13, 14)))
     ),
 }
 PATTERNS = {
     "default": {},
     "fringes": {"fringes": (1, 5, 23)},
-    "Gray code": {"sequence": _odd_sequence(columns=_BITS, white_frame=0, black_frame=1)},
+    "Gray code": {
+        "sequence": _odd_sequence(columns=AxisCoding(gray_code=_BITS), white_frame=0, black_frame=1)
+    },
     "Gray code and fringes": {
         "sequence": _odd_sequence(columns=_GRAY_AND_FRINGES, white_frame=0, black_frame=1)
     },

@@ -10,6 +10,6 @@ from exposight.imaging.sequence_files import (
     sequence_named_or_read,
     sequence_to_toml,
 )
-from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
+from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
 from exposight.imaging.stereo import StereoLimits, match_pair, matchable
-from exposight.imaging.triangulation import CloudAgreement, compare_along_rays, triangulate
+from exposight.imaging.triangulation import triangulate

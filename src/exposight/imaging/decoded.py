@@ -36,6 +36,10 @@ class PixelFlag(IntFlag):
     """The decoded coordinate is not on the projector."""
 
 
+LOW_MODULATION, CLIPPED, AMBIGUOUS, OUTSIDE = map(np.uint8, PixelFlag)
+"""The flags as they stand in `DecodedMap.flags`, for compiled code."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DecodingLimits:
     """When a pixel counts as decoded.
@@ -80,7 +84,7 @@ class DecodingLimits:
             raise ImageError(msg)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class DecodingCounts:
     """How many pixels were decoded, and how many carry each flag; one may carry several."""
 
@@ -147,10 +151,5 @@ class DecodedMap:
 
     def counts(self) -> DecodingCounts:
         """Count the decoded pixels and each flag."""
-        flagged = {
-            flag.name.lower(): int(np.count_nonzero(self.flagged(flag)))
-            for flag in PixelFlag
-            if flag.name
-        }
-        decoded = int(np.count_nonzero(self.valid))
-        return DecodingCounts(pixels=self.flags.size, decoded=decoded, **flagged)
+        flagged = [int(np.count_nonzero(self.flagged(flag))) for flag in PixelFlag]
+        return DecodingCounts(self.flags.size, int(np.count_nonzero(self.valid)), *flagged)

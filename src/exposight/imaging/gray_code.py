@@ -15,7 +15,14 @@ import numpy as np
 
 from exposight.cell import GREY_MAX
 from exposight.compiled import njit
-from exposight.imaging.decoded import AxisMap, DecodingLimits, PixelFlag
+from exposight.imaging.decoded import (
+    AMBIGUOUS,
+    CLIPPED,
+    LOW_MODULATION,
+    OUTSIDE,
+    AxisMap,
+    DecodingLimits,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,12 +30,6 @@ if TYPE_CHECKING:
     from exposight.cell import Image
     from exposight.imaging.frames import FrameStack
     from exposight.imaging.sequences import GrayCode, PatternSequence
-
-
-_LOW = np.uint8(PixelFlag.LOW_MODULATION)
-_CLIPPED = np.uint8(PixelFlag.CLIPPED)
-_AMBIGUOUS = np.uint8(PixelFlag.AMBIGUOUS)
-_OUTSIDE = np.uint8(PixelFlag.OUTSIDE)
 
 
 def decode_gray_code(
@@ -158,7 +159,7 @@ def _read_codes(
             if white >= 0:
                 contrast = float(frames[white, r, c]) - float(frames[black, r, c])
                 if frames[white, r, c] >= full_scale:
-                    flag |= _CLIPPED
+                    flag |= CLIPPED
             for b in range(n_bits):
                 signals[b] = _signal(frames, bits, inverses, white, black, b, r, c)
                 if white < 0:
@@ -166,7 +167,7 @@ def _read_codes(
                 if frames[bits[b], r, c] >= full_scale or (
                     inverses.size > 0 and frames[inverses[b], r, c] >= full_scale
                 ):
-                    flag |= _CLIPPED
+                    flag |= CLIPPED
             modulation[r, c] = max(0.0, 0.5 * contrast * scale)
             value, bit, undecided = 0, 0, 0
             for b in range(n_bits):
@@ -176,13 +177,13 @@ def _read_codes(
                 if abs(signals[b]) < min_bit_contrast * contrast:
                     undecided += 1
             if 0.5 * contrast * scale < min_modulation or contrast <= 0.0:
-                flag |= _LOW
+                flag |= LOW_MODULATION
                 value = -1
             elif undecided > 1:
-                flag |= _AMBIGUOUS
+                flag |= AMBIGUOUS
                 value = -1
             elif value > last_code:
-                flag |= _OUTSIDE
+                flag |= OUTSIDE
                 value = -1
             code[r, c] = value
             flags[r, c] = flag

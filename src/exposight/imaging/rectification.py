@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from exposight.geometry import RigidTransform
 
 
-_ON_GRID_PX = 1e-3
+_Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
+
+ON_GRID_PX = 1e-3
 """Nearer than this to a pixel's centre is on it."""
 _NARROWEST_COSINE = 0.5
 """The optical axes must not be more than 60° apart."""
@@ -57,31 +59,19 @@ class RectifiedPair:
         """Return the disparity in px of points at a rectified depth in mm."""
         return self.camera.fx * self.baseline_mm / depth_mm
 
-    def turn_first(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Rectify an image of the first camera; 0 where it sees nothing."""
-        return _remap(image, self._first_map, cv2.INTER_CUBIC)
-
-    def turn_second(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Rectify an image of the second camera; 0 where it sees nothing."""
-        return _remap(image, self._second_map, cv2.INTER_CUBIC)
-
-    def turn_first_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Rectify a mask of the first camera's pixels; False where it sees nothing."""
-        turned = _remap(mask.astype(np.uint8), self._first_map, cv2.INTER_NEAREST)
-        return turned.astype(np.bool_)
-
-    def turn_second_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Rectify a mask of the second camera's pixels; False where it sees nothing."""
-        turned = _remap(mask.astype(np.uint8), self._second_map, cv2.INTER_NEAREST)
-        return turned.astype(np.bool_)
+    def turn(
+        self, first: NDArray[_Pixel], second: NDArray[_Pixel]
+    ) -> tuple[NDArray[_Pixel], NDArray[_Pixel]]:
+        """Rectify images (uint8) or masks (bool) of both cameras; 0 where they see nothing."""
+        first_map, second_map = self._pixel_maps
+        return _remap(first, first_map), _remap(second, second_map)
 
     @cached_property
-    def _first_map(self) -> NDArray[np.float32] | None:
-        return _pixel_map(self.camera, self.first, self.rectified_from_first)
-
-    @cached_property
-    def _second_map(self) -> NDArray[np.float32] | None:
-        return _pixel_map(self.camera, self.second, self.rectified_from_second)
+    def _pixel_maps(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+        return (
+            _pixel_map(self.camera, self.first, self.rectified_from_first),
+            _pixel_map(self.camera, self.second, self.rectified_from_second),
+        )
 
     def depth_scale(self) -> tuple[float, float]:
         """Return the least and the greatest rectified depth at Z = 1 of the first camera's rays."""
@@ -152,10 +142,11 @@ def _common_camera(*turned: tuple[PinholeCamera, NDArray[np.float64]]) -> Pinhol
     slopes = [_border_slopes(camera, rotation) for camera, rotation in turned]
     first = turned[0][0]
     focal_px = (first.fx + first.fy) / 2
-    left, right = (focal_px * limit([s[:, 0] for s in slopes]) for limit in (_least, _greatest))
-    top, bottom = (focal_px * limit([slopes[0][:, 1]]) for limit in (_least, _greatest))
+    across, down = np.concatenate(slopes)[:, 0], slopes[0][:, 1]
+    left, top = focal_px * float(across.min()), focal_px * float(down.min())
+    right, bottom = focal_px * float(across.max()), focal_px * float(down.max())
     width, height = (
-        math.ceil(high - low - _ON_GRID_PX) + 1 for low, high in ((left, right), (top, bottom))
+        math.ceil(high - low - ON_GRID_PX) + 1 for low, high in ((left, right), (top, bottom))
     )
     if width * height > _LARGEST_GROWTH * first.width * first.height:
         msg = (
@@ -172,14 +163,6 @@ def _common_camera(*turned: tuple[PinholeCamera, NDArray[np.float64]]) -> Pinhol
         cx=round(-left, 6),
         cy=round(-top, 6),
     )
-
-
-def _least(values: list[NDArray[np.float64]]) -> float:
-    return min(float(v.min()) for v in values)
-
-
-def _greatest(values: list[NDArray[np.float64]]) -> float:
-    return max(float(v.max()) for v in values)
 
 
 def _border_slopes(camera: PinholeCamera, rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -206,15 +189,17 @@ def _pixel_map(
     pixels = camera.project(directions)
     columns, rows = np.meshgrid(np.arange(rectified.width), np.arange(rectified.height))
     same_size = (rectified.width, rectified.height) == (camera.width, camera.height)
-    if same_size and np.abs(pixels - np.stack([columns, rows], axis=-1)).max() < _ON_GRID_PX:
+    if same_size and np.abs(pixels - np.stack([columns, rows], axis=-1)).max() < ON_GRID_PX:
         return None
     outside = np.nan_to_num(pixels, nan=-1e4)
     return np.ascontiguousarray(np.moveaxis(outside, -1, 0), dtype=np.float32)
 
 
-def _remap(
-    image: NDArray[np.uint8], pixel_map: NDArray[np.float32] | None, interpolation: int
-) -> NDArray[np.uint8]:
+def _remap(image: NDArray[_Pixel], pixel_map: NDArray[np.float32] | None) -> NDArray[_Pixel]:
     if pixel_map is None:
         return image
-    return np.asarray(cv2.remap(image, pixel_map[0], pixel_map[1], interpolation), dtype=np.uint8)
+    interpolation = cv2.INTER_NEAREST if image.dtype == np.bool_ else cv2.INTER_CUBIC
+    turned = cv2.remap(
+        image.astype(np.uint8, copy=False), pixel_map[0], pixel_map[1], interpolation
+    )
+    return turned.astype(image.dtype)

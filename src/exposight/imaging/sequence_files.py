@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING
 
 from exposight.errors import FormatError, ImageError, did_you_mean
 from exposight.files import read_text, validate
-from exposight.imaging.sequences import Fringe, GrayCode, PatternSequence, PhaseShift
+from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,21 +42,26 @@ def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:
     return tuple(range(first, stop, step))
 
 
-def _foam_axis(size: int, first_fringe: int, gray: tuple[int, int]) -> PhaseShift:
+def _with_inverses(first: int, stop: int, code_width: int = 1) -> GrayCode:
+    """Return a Gray code whose bits each have their inverse in the next frame."""
+    return GrayCode(
+        frames=_frames(first, stop, 2),
+        inverse_frames=_frames(first + 1, stop, 2),
+        code_width=code_width,
+    )
+
+
+def _foam_axis(size: int, first_fringe: int, gray: tuple[int, int]) -> AxisCoding:
     """Code one axis by fringes of 66.7 and 100 px, three steps δ = 120°, 0°, −120°."""
     shifts = (120.0, 0.0, -120.0)
     fine = _frames(first_fringe, first_fringe + 3)
     coarse = _frames(first_fringe + 3, first_fringe + 6)
-    return PhaseShift(
+    return AxisCoding(
         fringes=(
             Fringe(periods=size / 100, frames=coarse, shifts_deg=shifts),
             Fringe(periods=size * 3 / 200, frames=fine, shifts_deg=shifts),
         ),
-        gray_code=GrayCode(
-            frames=_frames(*gray, 2),
-            inverse_frames=_frames(gray[0] + 1, gray[1], 2),
-            code_width=100,
-        ),
+        gray_code=_with_inverses(*gray, code_width=100),
     )
 
 
@@ -66,7 +71,7 @@ SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
             name="SLStudio Gray code, ten of eleven bits",
             projector_width=1824,
             projector_height=1140,
-            columns=GrayCode(frames=_frames(2, 12), code_width=2),
+            columns=AxisCoding(gray_code=GrayCode(frames=_frames(2, 12), code_width=2)),
             white_frame=0,
             black_frame=1,
         ),
@@ -74,7 +79,7 @@ SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
             name="SLStudio phase shift, 16 periods and 1, three steps each",
             projector_width=1824,
             projector_height=1140,
-            columns=PhaseShift(
+            columns=AxisCoding(
                 # The fine fringe comes first in this recording.
                 fringes=(
                     Fringe(periods=1, frames=(3, 4, 5)),
@@ -86,8 +91,8 @@ SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
             name="OpenCV Gray code with inverse frames, 1024 × 768",
             projector_width=1024,
             projector_height=768,
-            columns=GrayCode(frames=_frames(0, 20, 2), inverse_frames=_frames(1, 20, 2)),
-            rows=GrayCode(frames=_frames(20, 40, 2), inverse_frames=_frames(21, 40, 2)),
+            columns=AxisCoding(gray_code=_with_inverses(0, 20)),
+            rows=AxisCoding(gray_code=_with_inverses(20, 40)),
             white_frame=40,
             black_frame=41,
             file_pattern="graycode_*.png",
@@ -170,10 +175,9 @@ def sequence_to_toml(sequence: PatternSequence) -> str:
         if getattr(sequence, name) is not None
     ]
     for axis, coding, _ in sequence.axes():
-        gray = coding if isinstance(coding, GrayCode) else coding.gray_code
-        if gray is not None:
-            lines += ["", f"[{axis}.gray_code]", *_toml_keys(gray)]
-        for fringe in coding.fringes if isinstance(coding, PhaseShift) else ():
+        if coding.gray_code is not None:
+            lines += ["", f"[{axis}.gray_code]", *_toml_keys(coding.gray_code)]
+        for fringe in coding.fringes:
             lines += ["", f"[[{axis}.fringes]]", *_toml_keys(fringe)]
     return "\n".join(lines) + "\n"
 

@@ -10,18 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from exposight.cell import BitDepth, full_scale
 from exposight.errors import ImageError
-from exposight.files import StoredAs
-
-if TYPE_CHECKING:
-    pass
-
 
 _MAX_BITS = 16
 
@@ -65,11 +60,6 @@ class GrayCode:
         if self.code_width < 1:
             msg = f"a Gray code's width must be at least 1 projector px, got {self.code_width}"
             raise ImageError(msg)
-
-    @property
-    def all_frames(self) -> tuple[int, ...]:
-        """Every frame it uses."""
-        return self.frames + self.inverse_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,35 +109,42 @@ class Fringe:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhaseShift:
-    """Phase-shifted fringes of one projector axis, unwrapped from coarse to fine.
+class AxisCoding:
+    """How one projector axis is coded: by Gray code, phase-shifted fringes, or both.
 
-    Without a Gray code the first fringe must have at most one period, and so is absolute. With
-    one, the Gray code is what the fringes are unwrapped against; where there are two fringes or
-    more, the beat of the two coarsest stands between, since a code is uncertain by its width.
+    Fringes are unwrapped from coarse to fine. Without a Gray code the first one must have at most
+    one period, and so is absolute. With one, the Gray code is what the fringes are unwrapped
+    against; where there are two fringes or more, the beat of the two coarsest stands between, since
+    a code is uncertain by its width.
 
     Parameters
     ----------
+    gray_code : GrayCode, optional
+        The coordinate, or a coarse one where there are fringes.
     fringes : tuple of Fringe
         In ascending order of their periods.
-    gray_code : GrayCode, optional
-        Coarse coordinate.
 
     Raises
     ------
     ImageError
-        If the fringes do not ascend, or nothing makes the coarsest absolute.
+        If nothing codes the axis, the fringes do not ascend, or nothing makes the coarsest
+        absolute.
     """
 
-    fringes: tuple[Fringe, ...]
     gray_code: GrayCode | None = None
+    fringes: tuple[Fringe, ...] = ()
 
     def __post_init__(self) -> None:
         periods = [fringe.periods for fringe in self.fringes]
-        if not periods or any(fine <= coarse for coarse, fine in pairwise(periods)):
-            msg = f"fringes must be given from few periods to many, at least one, got {periods}"
+        if any(fine <= coarse for coarse, fine in pairwise(periods)):
+            msg = f"fringes must be given from few periods to many, got {periods}"
             raise ImageError(msg)
-        if self.gray_code is None and periods[0] > 1:
+        if self.gray_code is not None:
+            return
+        if not periods:
+            msg = "columns and rows each need a gray_code table, fringes, or both"
+            raise ImageError(msg)
+        if periods[0] > 1:
             msg = (
                 f"without a Gray code the coarsest fringe must have one period, got {periods[0]:g};"
                 " add such a fringe or a Gray code"
@@ -155,35 +152,11 @@ class PhaseShift:
             raise ImageError(msg)
 
     @property
-    def all_frames(self) -> tuple[int, ...]:
+    def frames(self) -> tuple[int, ...]:
         """Every frame it uses."""
         steps = tuple(frame for fringe in self.fringes for frame in fringe.frames)
-        return steps + (self.gray_code.all_frames if self.gray_code else ())
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Axis:
-    """How a file describes the coding of one projector axis."""
-
-    gray_code: GrayCode | None = None
-    fringes: tuple[Fringe, ...] = ()
-
-    @classmethod
-    def of(cls, coding: GrayCode | PhaseShift) -> _Axis:
-        if isinstance(coding, GrayCode):
-            return cls(gray_code=coding)
-        return cls(gray_code=coding.gray_code, fringes=coding.fringes)
-
-    def coding(self) -> GrayCode | PhaseShift:
-        if self.fringes:
-            return PhaseShift(fringes=self.fringes, gray_code=self.gray_code)
-        if self.gray_code is None:
-            msg = "columns and rows each need a gray_code table, fringes, or both"
-            raise ImageError(msg)
-        return self.gray_code
-
-
-_Coding = Annotated[GrayCode | PhaseShift, StoredAs(_Axis, write=_Axis.of, read=_Axis.coding)]
+        gray = self.gray_code
+        return steps if gray is None else steps + gray.frames + gray.inverse_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +169,7 @@ class PatternSequence:
         For people.
     projector_width, projector_height : int, px
         Size of the projector's image.
-    columns, rows : GrayCode or PhaseShift, optional
+    columns, rows : AxisCoding, optional
         How projector columns (u) and rows (v) are coded; at least one of them is.
     white_frame, black_frame : int, optional
         Fully lit and unlit frame; both or neither. Gray code without inverse frames needs them.
@@ -214,8 +187,8 @@ class PatternSequence:
     name: str
     projector_width: int
     projector_height: int
-    columns: _Coding | None = None
-    rows: _Coding | None = None
+    columns: AxisCoding | None = None
+    rows: AxisCoding | None = None
     white_frame: _Frame | None = None
     black_frame: _Frame | None = None
     bit_depth: BitDepth = 8
@@ -241,7 +214,7 @@ class PatternSequence:
             msg = "a white and a black frame are given together or not at all"
             raise ImageError(msg)
         for axis, coding, _ in self.axes():
-            gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+            gray = coding.gray_code
             if gray is not None and not gray.inverse_frames and self.white_frame is None:
                 msg = (
                     f"the Gray code of the {axis} has no inverse frames; say which frames are "
@@ -258,10 +231,10 @@ class PatternSequence:
             raise ImageError(msg)
 
     def _used_frames(self) -> list[int]:
-        used = [frame for _, coding, _ in self.axes() for frame in coding.all_frames]
+        used = [frame for _, coding, _ in self.axes() for frame in coding.frames]
         return used + [f for f in (self.white_frame, self.black_frame) if f is not None]
 
-    def axes(self) -> list[tuple[str, GrayCode | PhaseShift, int]]:
+    def axes(self) -> list[tuple[str, AxisCoding, int]]:
         """Return name, coding and length in px of every coded projector axis."""
         axes = (
             ("columns", self.columns, self.projector_width),
@@ -275,8 +248,8 @@ class PatternSequence:
         return max(self._used_frames()) + 1
 
 
-def _check_axis(axis: str, coding: GrayCode | PhaseShift, size: int) -> None:
-    gray = coding if isinstance(coding, GrayCode) else coding.gray_code
+def _check_axis(axis: str, coding: AxisCoding, size: int) -> None:
+    gray = coding.gray_code
     if gray is None:
         return
     covered = 2 ** len(gray.frames) * gray.code_width
@@ -286,7 +259,7 @@ def _check_axis(axis: str, coding: GrayCode | PhaseShift, size: int) -> None:
             "the number of bits and the width of a code"
         )
         raise ImageError(msg)
-    if isinstance(coding, PhaseShift):
+    if coding.fringes:
         periods = [fringe.periods for fringe in coding.fringes]
         coarsest = size / (periods[1] - periods[0]) if len(periods) > 1 else size / periods[0]
         if coarsest < gray.code_width:

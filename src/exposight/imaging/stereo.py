@@ -23,11 +23,10 @@ import numpy as np
 from exposight.cell import Cloud
 from exposight.compiled import njit
 from exposight.errors import ImageError
+from exposight.imaging.rectification import ON_GRID_PX, RectifiedPair
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from exposight.imaging.rectification import RectifiedPair
 
 
 _STEP = 16  # disparities come in 1/16 px, and their number must be a multiple of 16
@@ -48,8 +47,6 @@ _REFINEMENTS = 2
 """A third moves the points by less than a tenth of their noise."""
 _LARGEST_CORRECTION_PX = 0.75
 """The matcher is right to half a pixel; a little more for its noise."""
-_ON_GRID_PX = 1e-3
-"""Nearer than this to a pixel's centre is on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,9 +171,9 @@ def match_pair(
                 "the calibration of the camera that took it, at the same resolution"
             )
             raise ImageError(msg)
-    first, second = pair.turn_first(first_image), pair.turn_second(second_image)
+    first, second = pair.turn(first_image, second_image)
     steps = _disparities(first, second, lowest, count)
-    _reject(steps, pair.turn_first_mask(masks[0]), pair.turn_second_mask(masks[1]), lowest)
+    _reject(steps, *pair.turn(*masks), lowest)
     cv2.filterSpeckles(steps, (lowest - 1) * _STEP, _ISLAND_PX, _STEP)
     points = np.empty((*first_image.shape, 3), dtype=np.float32)
     _fill_points(
@@ -323,7 +320,7 @@ def _sample(disparity: NDArray[np.float32], u: float, v: float) -> float:
     if not (0 <= row < rows and 0 <= column < columns):
         return math.nan
     nearest = np.float64(disparity[row, column])
-    if abs(u - column) < _ON_GRID_PX and abs(v - row) < _ON_GRID_PX:
+    if abs(u - column) < ON_GRID_PX and abs(v - row) < ON_GRID_PX:
         return nearest
     top, left = math.floor(v), math.floor(u)
     if not (0 <= top < rows - 1 and 0 <= left < columns - 1):

@@ -8,7 +8,7 @@ import pytest
 
 from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox
-from exposight.imaging import Fringe, PatternSequence, PhaseShift, decode, triangulate
+from exposight.imaging import AxisCoding, Fringe, PatternSequence, decode, triangulate
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer
 from exposight.twin.sensors import StripeSensor, ring_boxes
@@ -192,7 +192,7 @@ def test_three_step_sequences_work_as_well(small_sensor, sheet, before) -> None:
         name="three steps",
         projector_width=1920,
         projector_height=1200,
-        columns=PhaseShift(
+        columns=AxisCoding(
             fringes=(
                 Fringe(periods=1, frames=(5, 4, 3)),
                 Fringe(periods=12, frames=(0, 1, 2)),

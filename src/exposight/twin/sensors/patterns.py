@@ -12,7 +12,7 @@ import numpy as np
 
 from exposight.compiled import njit
 from exposight.errors import ImageError, SensorError
-from exposight.imaging import Fringe, GrayCode, PatternSequence, PhaseShift
+from exposight.imaging import AxisCoding, Fringe, PatternSequence
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +27,7 @@ STRIPES = PatternSequence(
     name="1, 8 and 64 stripes, four steps each",
     projector_width=1920,
     projector_height=1200,
-    columns=PhaseShift(
+    columns=AxisCoding(
         fringes=(
             Fringe(periods=1, frames=(0, 1, 2, 3)),
             Fringe(periods=8, frames=(4, 5, 6, 7)),
@@ -80,13 +80,8 @@ def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSe
         name=f"{', '.join(f'{count:g}' for count in periods)} stripes, four steps each",
         projector_width=projector.width,
         projector_height=projector.height,
-        columns=PhaseShift(fringes=fringes),
+        columns=AxisCoding(fringes=fringes),
     )
-
-
-def gray_code_of(coding: GrayCode | PhaseShift | None) -> GrayCode | None:
-    """Return the Gray code in an axis's coding, or None where it has none."""
-    return coding.gray_code if isinstance(coding, PhaseShift) else coding
 
 
 def image_frame(sequence: PatternSequence) -> int:
@@ -96,9 +91,8 @@ def image_frame(sequence: PatternSequence) -> int:
     sets the exposure (Sect. 3.2.1).
     """
     _, coding, _ = sequence.axes()[0]
-    if isinstance(coding, PhaseShift):
-        return coding.fringes[-1].frames[0]
-    return coding.frames[-1]
+    gray = coding.gray_code
+    return coding.fringes[-1].frames[0] if coding.fringes or gray is None else gray.frames[-1]
 
 
 def projected(sequence: PatternSequence, contrast: float) -> Patterns:
@@ -127,7 +121,7 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
     waves: dict[str, list[float]] = {"columns": [], "rows": []}
     n_planes = 0
     for axis, coding, size in sequence.axes():
-        for fringe in coding.fringes if isinstance(coding, PhaseShift) else ():
+        for fringe in coding.fringes:
             shift = np.radians(fringe.shifts_deg)
             planes[list(fringe.frames)] = n_planes
             weights[list(fringe.frames)] = np.stack([np.cos(shift), np.sin(shift)], axis=-1)
@@ -154,7 +148,7 @@ def _lit(sequence: PatternSequence) -> dict[int, NDArray[np.float64]]:
     """Return where the frames of a Gray code, white and black are lit, by frame: 0 or 1."""
     lit: dict[int, NDArray[np.float64]] = {}
     for axis, coding, size in sequence.axes():
-        gray = gray_code_of(coding)
+        gray = coding.gray_code
         if gray is None:
             continue
         code = np.arange(size) // gray.code_width

@@ -30,7 +30,6 @@ from exposight.twin.sensors.exposure import CameraElectronics
 from exposight.twin.sensors.patterns import (
     STRIPES,
     Patterns,
-    gray_code_of,
     image_frame,
     projected,
     projector_of,
@@ -106,7 +105,7 @@ class StripeSensor:
     @property
     def needs_whole_frames(self) -> bool:
         """True where decoding a pixel takes more than its neighbourhood: runs of a Gray code."""
-        return any(gray_code_of(coding) is not None for _, coding, _ in self.sequence.axes())
+        return any(coding.gray_code is not None for _, coding, _ in self.sequence.axes())
 
     def look(
         self,
