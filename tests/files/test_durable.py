@@ -1,11 +1,21 @@
 import errno
+import hashlib
 import os
 from pathlib import Path
 
 import pytest
 
-from exposight.errors import FileError
-from exposight.files import durable_folder, is_unfinished, sweep_unfinished, write_durably
+from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
+from exposight.files import (
+    KeptFiles,
+    durable_folder,
+    is_unfinished,
+    read_bytes,
+    read_text,
+    read_verified,
+    sweep_unfinished,
+    write_durably,
+)
 
 
 @pytest.fixture
@@ -102,5 +112,56 @@ def test_sweeping_removes_only_what_is_unfinished(tmp_path):
     (tmp_path / ".f.0123abcd.unfinished").mkdir()
     (tmp_path / ".f.0123abcd.unfinished" / "a").write_bytes(b"half")
     (tmp_path / "a.bin").write_bytes(b"whole")
-    assert sweep_unfinished(tmp_path) == 2
+    sweep_unfinished(tmp_path)
     assert names(tmp_path) == ["a.bin"]
+
+
+def test_what_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(MissingFileError, match=r"no list at .*gone\.csv"):
+        read_bytes(tmp_path / "gone.csv", "list")
+    with pytest.raises(FileError, match="cannot be read"):
+        read_bytes(tmp_path, "list")
+    (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(FormatError, match=r"a\.csv is not UTF-8 text; expected a list"):
+        read_text(tmp_path / "a.csv", "list")
+
+
+def test_a_checksum_on_record_is_verified(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"a")
+    assert read_verified(path, hashlib.sha256(b"a").hexdigest(), "file") == b"a"
+    with pytest.raises(DamagedFileError, match=r"a\.txt is damaged"):
+        read_verified(path, hashlib.sha256(b"b").hexdigest(), "file")
+
+
+def test_a_file_is_found_while_what_decides_it_is_the_same(tmp_path):
+    kept = KeptFiles(tmp_path, "plan", "scene")
+    assert kept.find("a.csv") is None
+    kept.keep("a.csv", b"1")
+    assert kept.find("a.csv") == kept.path("a.csv")
+    assert kept.path("a.csv").read_bytes() == b"1"
+    assert KeptFiles(tmp_path, "another plan", "scene").find("a.csv") is None
+    assert kept.find("b.csv") is None
+
+
+@pytest.mark.parametrize("suffix", ["csv", "sha256"])
+def test_a_damaged_file_is_made_again(tmp_path, suffix):
+    kept = KeptFiles(tmp_path, "plan")
+    kept.keep("a.csv", b"1")
+    kept.path("a.csv").with_suffix(f".{suffix}").write_bytes(b"\xff")
+    assert kept.find("a.csv") is None
+    kept.keep("a.csv", b"1")
+    assert kept.find("a.csv")
+
+
+def test_a_writer_killed_before_the_checksum_loses_nothing(tmp_path):
+    kept = KeptFiles(tmp_path, "plan")
+    kept.path("a.csv").write_bytes(b"1")
+    assert kept.find("a.csv")
+    kept.path("a.csv").write_bytes(b"2")
+    assert kept.find("a.csv") is None
+
+
+def test_what_is_not_there_cannot_be_sealed(tmp_path):
+    with pytest.raises(FileError):
+        KeptFiles(tmp_path, "plan").seal("a.csv")

@@ -8,7 +8,7 @@ from exposight.cell.campaign import (
     write_numbered_capture,
 )
 from exposight.cell.capture import Capture, CaptureKey
-from exposight.cell.cloud import Cloud, check_points
+from exposight.cell.cloud import Cloud
 from exposight.cell.cloud_files import CLOUD_SUFFIXES, LENGTH_UNITS_MM, read_cloud, write_cloud
 from exposight.cell.driver import Driver
 from exposight.cell.feature_files import read_features, write_features
@@ -26,7 +26,6 @@ from exposight.cell.sensor import (
     PRESETS,
     ActiveSensor,
     ExposureRange,
-    PresetName,
     Projector,
     StoredPose,
     preset_name,

@@ -12,17 +12,14 @@ import re
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
-
-from pydantic import Field
+from typing import TYPE_CHECKING, Protocol
 
 from exposight.cell.capture import (
     Capture,
     CaptureKey,
-    read_attachments,
+    StoredAttachments,
     read_capture,
-    read_key,
-    read_pose,
+    read_description,
     write_capture,
 )
 from exposight.cell.feature_files import features_from_csv, features_to_csv
@@ -31,6 +28,7 @@ from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
 from exposight.files import (
     WRITER_LOCK,
+    Checksum,
     DocumentFormat,
     alike,
     hold_writer_lock,
@@ -48,13 +46,12 @@ if TYPE_CHECKING:
 
     from filelock import BaseFileLock
 
+    from exposight.cell.capture import CaptureDescription
     from exposight.geometry import RigidTransform
 
 
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
 _CAPTURES = "captures"
-
-_Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class CaptureSource(Protocol):
@@ -133,8 +130,8 @@ class _Description:
 
     name: str
     part: str
-    sensor_sha256: _Checksum
-    features_sha256: _Checksum
+    sensor_sha256: Checksum
+    features_sha256: Checksum
 
 
 _FORMAT = DocumentFormat("exposight campaign", 1, _Description)
@@ -186,23 +183,11 @@ class CampaignFolder:
         return len(self.numbers)
 
     def captures(self) -> Iterator[Capture]:
-        """Yield the captures one at a time, in the order they were taken.
-
-        Raises
-        ------
-        MissingFileError, DamagedFileError, FormatError, VersionError
-            If a capture cannot be read; the message names the file.
-        """
-        for number in self.numbers:
-            yield self.capture(number)
+        """Yield the captures one at a time, in the order they were taken; raises as `capture`."""
+        yield from map(self.capture, self.numbers)
 
     def capture(self, number: int) -> Capture:
-        """Return one capture.
-
-        Parameters
-        ----------
-        number : int
-            One of `numbers`.
+        """Return one capture, by one of `numbers`.
 
         Raises
         ------
@@ -214,22 +199,21 @@ class CampaignFolder:
     def attachments(self, number: int) -> Mapping[str, bytes]:
         """Return a capture's attachments by name without reading its image and cloud.
 
-        Each is read and verified when it is looked up; both raise what `captures` raises.
-
-        Parameters
-        ----------
-        number : int
-            One of `numbers`.
+        Each is read and verified when it is looked up; both raise as `capture`.
         """
-        return read_attachments(_capture_path(self.path, number))
+        folder = _capture_path(self.path, number)
+        return StoredAttachments(folder, read_description(folder).beside_sha256)
 
     def keys(self) -> tuple[CaptureKey, ...]:
         """Return the view and exposure time of every capture, in the order they were taken."""
-        return tuple(read_key(_capture_path(self.path, number)) for number in self.numbers)
+        return tuple(description.key for description in self._descriptions())
 
     def poses(self) -> tuple[RigidTransform, ...]:
         """Return ``camera_from_part`` of every capture, in the order they were taken."""
-        return tuple(read_pose(_capture_path(self.path, number)) for number in self.numbers)
+        return tuple(description.camera_from_part for description in self._descriptions())
+
+    def _descriptions(self) -> Iterator[CaptureDescription]:
+        return (read_description(_capture_path(self.path, number)) for number in self.numbers)
 
 
 class CampaignWriter:
@@ -374,7 +358,7 @@ def _sweep(campaign: Path) -> None:
 def _holds(folder: Path, key: CaptureKey) -> bool:
     """Return whether a folder holds the capture of a view and exposure time."""
     try:
-        return read_key(folder) == key
+        return read_description(folder).key == key
     except FileError:
         return False
 

@@ -18,7 +18,14 @@ from exposight.cell.cloud import Cloud
 from exposight.cell.image import GREY_MAX, Image, check_levels, full_scale, png_bytes
 from exposight.cell.sensor import StoredPose
 from exposight.errors import CloudError, FormatError, ImageError, InputError
-from exposight.files import DocumentFormat, durable_folder, read_bytes, read_verified, sha256_of
+from exposight.files import (
+    Checksum,
+    DocumentFormat,
+    durable_folder,
+    read_bytes,
+    read_verified,
+    sha256_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -194,12 +201,10 @@ def _own_image(image: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int) ->
 
 # -- on disk ------------------------------------------------------------------------------------
 
-_Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-
 
 @dataclass(frozen=True, kw_only=True)
-class _Description:
-    """What ``capture.json`` says (``docs/formats.md``)."""
+class CaptureDescription:
+    """What ``capture.json`` says: all but image, cloud and attachments (``docs/formats.md``)."""
 
     view: str
     exposure_ms: float
@@ -207,15 +212,20 @@ class _Description:
     emulated: bool
     notes: str
     camera_from_part: StoredPose
-    image_sha256: _Checksum
-    cloud_sha256: _Checksum | None
-    beside_sha256: dict[Annotated[str, Field(pattern=f"^{_FILE_NAME}$")], _Checksum] = field(
+    image_sha256: Checksum
+    cloud_sha256: Checksum | None
+    beside_sha256: dict[Annotated[str, Field(pattern=f"^{_FILE_NAME}$")], Checksum] = field(
         default_factory=dict
     )
     """Of the attachments; not in version 1."""
 
+    @property
+    def key(self) -> CaptureKey:
+        """View and exposure time."""
+        return CaptureKey(self.view, self.exposure_ms)
 
-_FORMAT = DocumentFormat("exposight capture", 2, _Description)
+
+_FORMAT = DocumentFormat("exposight capture", 2, CaptureDescription)
 """2: a capture may lack its cloud, and have attachments."""
 
 
@@ -238,7 +248,7 @@ def write_capture(folder: Path, capture: Capture) -> None:
     if capture.cloud is not None:
         files[_CLOUD] = _npz(capture.cloud)
     checksums = {name: sha256_of(content) for name, content in files.items()}
-    description = _Description(
+    description = CaptureDescription(
         view=capture.view,
         exposure_ms=capture.exposure_ms,
         bit_depth=capture.bit_depth,
@@ -255,27 +265,16 @@ def write_capture(folder: Path, capture: Capture) -> None:
         (unfinished / _DESCRIPTION).write_bytes(_FORMAT.seal(description))
 
 
-def read_key(folder: Path) -> CaptureKey:
-    """Return the view and the exposure time of a capture without reading its image and cloud.
+def read_description(folder: Path) -> CaptureDescription:
+    """Return what is known of a capture without reading its image and cloud.
 
     Raises
     ------
     MissingFileError, DamagedFileError, FormatError, VersionError
         As `read_capture`.
     """
-    description = _read_description(folder)
-    return CaptureKey(description.view, description.exposure_ms)
-
-
-def read_pose(folder: Path) -> RigidTransform:
-    """Return the pose of a capture without reading its image and cloud.
-
-    Raises
-    ------
-    MissingFileError, DamagedFileError, FormatError, VersionError
-        As `read_capture`.
-    """
-    return _read_description(folder).camera_from_part
+    path = folder / _DESCRIPTION
+    return _FORMAT.unseal(read_bytes(path, "file of a campaign"), str(path))
 
 
 def read_capture(folder: Path) -> Capture:
@@ -292,7 +291,7 @@ def read_capture(folder: Path) -> Capture:
     VersionError
         If a newer version of exposight wrote it.
     """
-    description = _read_description(folder)
+    description = read_description(folder)
     image = _image_from_png(_verified(folder / _IMAGE, description.image_sha256), folder / _IMAGE)
     cloud = None
     if description.cloud_sha256 is not None:
@@ -339,22 +338,6 @@ class StoredAttachments(Mapping[str, bytes]):
 
     def __len__(self) -> int:
         return len(self._checksums)
-
-
-def read_attachments(folder: Path) -> StoredAttachments:
-    """Return the further files of a capture without reading its image and cloud.
-
-    Raises
-    ------
-    MissingFileError, DamagedFileError, FormatError, VersionError
-        As `read_capture`; looking up a file may raise the first two as well.
-    """
-    return StoredAttachments(folder, _read_description(folder).beside_sha256)
-
-
-def _read_description(folder: Path) -> _Description:
-    path = folder / _DESCRIPTION
-    return _FORMAT.unseal(read_bytes(path, "file of a campaign"), str(path))
 
 
 def _verified(path: Path, sha256: str) -> bytes:

@@ -13,39 +13,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-def check_points(points: ArrayLike) -> NDArray[np.float32]:
-    """Return a float32 copy of points, missing ones NaN in all three coordinates.
-
-    Parameters
-    ----------
-    points : (rows, columns, 3) or (n, 3) array_like, mm
-        A point that is exactly (0, 0, 0), or that has a coordinate which is not finite, is missing:
-        sensors write either.
-
-    Raises
-    ------
-    CloudError
-        If the shape or the type is another.
-    """
-    array = np.asarray(points)
-    if array.ndim not in {2, 3} or array.shape[-1] != 3:
-        msg = (
-            "a cloud needs points of shape (rows, columns, 3) or (n, 3) in mm, got shape "
-            f"{array.shape}"
-        )
-        raise CloudError(msg)
-    if array.dtype.kind not in "fiu":
-        msg = f"a cloud needs real numbers in mm, got an array of {array.dtype}"
-        raise CloudError(msg)
-    with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
-        copy = np.array(array, dtype=np.float32, order="C", copy=True)
-    x, y, z = copy[..., 0], copy[..., 1], copy[..., 2]
-    with np.errstate(over="ignore", invalid="ignore"):
-        missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
-    copy[missing] = np.nan
-    return copy
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cloud:
     """A point cloud in the frame of the sensor's first camera.
@@ -72,7 +39,7 @@ class Cloud:
     valid: NDArray[np.bool_] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        points = check_points(self.points)
+        points = _checked(self.points)
         valid = ~np.isnan(points[..., 0])
         points.setflags(write=False)
         valid.setflags(write=False)
@@ -131,3 +98,24 @@ class Cloud:
             )
             raise CloudError(msg)
         return Cloud(points=self.points.reshape(rows, columns, 3))
+
+
+def _checked(points: ArrayLike) -> NDArray[np.float32]:
+    """Return a float32 copy of points, missing ones NaN; sensors write them as 0 or infinity."""
+    array = np.asarray(points)
+    if array.ndim not in {2, 3} or array.shape[-1] != 3:
+        msg = (
+            "a cloud needs points of shape (rows, columns, 3) or (n, 3) in mm, got shape "
+            f"{array.shape}"
+        )
+        raise CloudError(msg)
+    if array.dtype.kind not in "fiu":
+        msg = f"a cloud needs real numbers in mm, got an array of {array.dtype}"
+        raise CloudError(msg)
+    with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
+        copy = np.array(array, dtype=np.float32, order="C", copy=True)
+    x, y, z = copy[..., 0], copy[..., 1], copy[..., 2]
+    with np.errstate(over="ignore", invalid="ignore"):
+        missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
+    copy[missing] = np.nan
+    return copy

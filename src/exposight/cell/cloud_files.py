@@ -22,7 +22,7 @@ from pypcd4.pypcd4 import Encoding, PointCloud
 from exposight.cell.cloud import Cloud
 from exposight.cell.ply import ply_from_points, points_from_ply
 from exposight.errors import CloudError, DamagedFileError, FormatError
-from exposight.files import check_columns, read_bytes, write_durably
+from exposight.files import check_columns, is_number, read_bytes, write_durably
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -158,7 +158,7 @@ def _read_xyz(data: bytes, path: Path) -> NDArray[np.floating]:
     # CloudCompare marks its line of names with //.
     line = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").lstrip("/")
     first = line.split()
-    has_header = bool(first) and not first[0].startswith("#") and not _is_number(first[0])
+    has_header = bool(first) and not first[0].startswith("#") and not is_number(first[0])
     if has_header and first[0].lower() not in {"x", "x_mm"}:
         msg = (
             f"{path}: expected x y z in mm, or a first line 'x_mm y_mm z_mm', got "
@@ -194,14 +194,6 @@ def _numbers(
             "with a point as the decimal separator"
         )
         raise FormatError(msg) from error
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _write_text(separator: str, header: bool, points: NDArray[np.float32]) -> bytes:

@@ -56,12 +56,7 @@ class RingTolerance:
     outer_mm: float = 5.0
 
     def __post_init__(self) -> None:
-        numbers = (self.height_mm, self.inner_mm, self.outer_mm)
-        if not (
-            all(map(math.isfinite, numbers))
-            and self.height_mm > 0
-            and 0 <= self.inner_mm < self.outer_mm
-        ):
+        if not (0 < self.height_mm < math.inf and 0 <= self.inner_mm < self.outer_mm < math.inf):
             msg = (
                 "a ring's tolerance needs a height above 0 and 0 ≤ inner < outer in mm, got "
                 f"height {self.height_mm:g}, inner {self.inner_mm:g}, outer {self.outer_mm:g}"
@@ -255,10 +250,6 @@ def _ring(
     )
 
 
-def _hole_region(hole: Feature, tolerance: RingTolerance) -> HollowCylinder:
-    return _ring(hole.radius_mm, tolerance)
-
-
 def _slot_fault(slot: Feature) -> str:
     length, width = _length_and_width(slot)
     if length < width:
@@ -307,7 +298,7 @@ def _sphere_region(sphere: Feature, tolerance: RingTolerance) -> HollowCylinder:
 
 RULES: Mapping[FeatureKind, KindRule] = MappingProxyType(
     {
-        "hole": KindRule(region=_hole_region),
+        "hole": KindRule(region=lambda hole, tolerance: _ring(hole.radius_mm, tolerance)),
         "slot": KindRule(region=_slot_region, has_length=True, fault=_slot_fault),
         "pocket": KindRule(
             region=_pocket_region, has_length=True, fault=_pocket_fault, smallest_radius_mm=0.0

@@ -14,11 +14,11 @@ the measuring field, and surfaces at +x are lit more strongly, as Sect. 3.4.8 re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -86,7 +86,7 @@ class ExposureRange:
 
     def __post_init__(self) -> None:
         numbers = low, high, step = [*map(float, (self.min_ms, self.max_ms, self.increment_ms))]
-        if not (all(map(math.isfinite, numbers)) and 0 < low <= high and step > 0):
+        if not (0 < low <= high < math.inf and 0 < step < math.inf):
             msg = (
                 "exposure times need 0 < minimum ≤ maximum and an increment above 0 in ms, got "
                 f"{low:g}, {high:g} and {step:g}"
@@ -213,14 +213,7 @@ class ActiveSensor:
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "the sensor's JSON") -> ActiveSensor:
-        """Read a sensor from a JSON document.
-
-        Parameters
-        ----------
-        text : str
-            The document.
-        source : str
-            Where it comes from, for messages.
+        """Read a sensor from a JSON document, called `source` in messages.
 
         Raises
         ------
@@ -242,13 +235,10 @@ def read_sensor(path: Path) -> ActiveSensor:
     ------
     MissingFileError
         If it is not there.
-    FormatError
-        If it is not such a file, a key is missing or unknown, or a value is impossible.
-    VersionError
-        If a newer version of exposight wrote it.
+    FormatError, VersionError
+        As `ActiveSensor.from_json`.
     """
-    text = read_text(path, "sensor file")
-    return ActiveSensor.from_json(text, source=str(path))
+    return ActiveSensor.from_json(read_text(path, "sensor file"), source=str(path))
 
 
 def write_sensor(path: Path, sensor: ActiveSensor) -> None:
@@ -260,9 +250,6 @@ def write_sensor(path: Path, sensor: ActiveSensor) -> None:
         If the disk refuses.
     """
     write_durably(path, sensor.to_json().encode())
-
-
-PresetName = Literal["comet-pro-ae", "rc-visard-65"]
 
 
 def _ideal_camera(width: int, height: int, focal_length_px: float) -> PinholeCamera:
@@ -339,10 +326,10 @@ def _rc_visard_65() -> ActiveSensor:
     )
 
 
-PRESETS: Mapping[PresetName, Callable[[], ActiveSensor]] = MappingProxyType(
-    {"comet-pro-ae": _comet_pro_ae, "rc-visard-65": _rc_visard_65}
+PRESETS: Mapping[str, ActiveSensor] = MappingProxyType(
+    {"comet-pro-ae": _comet_pro_ae(), "rc-visard-65": _rc_visard_65()}
 )
-"""Builders of the paper's sensors (Table 7), by name."""
+"""The paper's sensors (Table 7), by name."""
 
 
 def sensor_preset(name: str) -> ActiveSensor:
@@ -358,9 +345,8 @@ def sensor_preset(name: str) -> ActiveSensor:
     SensorError
         If there is no such preset.
     """
-    for known, build in PRESETS.items():
-        if known == name:
-            return build()
+    if name in PRESETS:
+        return PRESETS[name]
     msg = f"no sensor preset is called {name!r}; there are {', '.join(PRESETS)}"
     raise SensorError(msg + did_you_mean(name, PRESETS))
 
@@ -382,7 +368,7 @@ def sensor_named_or_read(name_or_path: str | Path) -> ActiveSensor:
     """
     name, path = str(name_or_path), Path(name_or_path)
     if name in PRESETS:
-        return sensor_preset(name)
+        return PRESETS[name]
     if path.is_file() or path.suffix.lower() == ".json":
         return read_sensor(path)
     msg = (
@@ -394,4 +380,4 @@ def sensor_named_or_read(name_or_path: str | Path) -> ActiveSensor:
 
 def preset_name(sensor: ActiveSensor) -> str | None:
     """Return the name of the preset that a sensor is, or None where it is another sensor."""
-    return next((name for name, build in PRESETS.items() if build() == sensor), None)
+    return next((name for name, preset in PRESETS.items() if preset == sensor), None)

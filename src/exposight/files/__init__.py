@@ -2,21 +2,26 @@
 
 from exposight.files.columns import check_columns, unit_hint
 from exposight.files.documents import (
+    Checksum,
     DocumentFormat,
     StoredAs,
     alike,
     check_header,
+    is_number,
     parse_json,
-    sha256_of,
     validate,
 )
 from exposight.files.durable import (
+    WRITER_LOCK,
+    KeptFiles,
     durable_folder,
+    hold_writer_lock,
     is_unfinished,
     make_folder,
+    read_bytes,
+    read_text,
+    read_verified,
+    sha256_of,
     sweep_unfinished,
     write_durably,
 )
-from exposight.files.kept import KeptFiles
-from exposight.files.lock import WRITER_LOCK, hold_writer_lock
-from exposight.files.reading import read_bytes, read_text, read_verified

@@ -8,16 +8,16 @@ disk, such as a pose, says how it is written by `StoredAs`.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, cast
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import core_schema
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
+from exposight.files.durable import sha256_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+"""A SHA-256 in hexadecimal, as a record's field."""
 
 _Record = TypeVar("_Record")
 
@@ -93,7 +96,19 @@ class DocumentFormat(Generic[_Record]):
         FormatError, VersionError
             As `from_json`.
         """
-        return self.from_dict(_unsealed(data, self.name, self.version, source), source)
+        try:
+            raw = parse_json(data.decode("utf-8"), source)
+        except (UnicodeDecodeError, FormatError) as error:
+            msg = f"{source} is damaged: {error}; restore it from a copy"
+            raise DamagedFileError(msg) from error
+        check_header(raw, format_name=self.name, newest=self.version, source=source)
+        if raw.pop("sha256", None) != _checksum(raw):
+            msg = (
+                f"{source} is damaged: its checksum does not fit its content; restore it from a "
+                "copy (exposight does not read these files after editing by hand)"
+            )
+            raise DamagedFileError(msg)
+        return self.from_dict(raw, source)
 
     def _content(self, record: _Record) -> dict[str, Any]:
         (fields,) = _adapter(self.record).dump_python((record,), warnings=False)
@@ -240,28 +255,6 @@ def alike(one: object, other: object) -> bool:
     return one == other
 
 
-def sha256_of(data: bytes) -> str:
-    """Return the SHA-256 checksum of bytes, in hexadecimal."""
-    return hashlib.sha256(data).hexdigest()
-
-
-def _unsealed(data: bytes, name: str, version: int, source: str) -> dict[str, Any]:
-    """Return the content of a sealed document without its checksum, which must be right."""
-    try:
-        raw = parse_json(data.decode("utf-8"), source)
-    except (UnicodeDecodeError, FormatError) as error:
-        msg = f"{source} is damaged: {error}; restore it from a copy"
-        raise DamagedFileError(msg) from error
-    check_header(raw, format_name=name, newest=version, source=source)
-    if raw.pop("sha256", None) != _checksum(raw):
-        msg = (
-            f"{source} is damaged: its checksum does not fit its content; restore it from a copy "
-            "(exposight does not read these files after editing by hand)"
-        )
-        raise DamagedFileError(msg)
-    return raw
-
-
 def _checksum(content: Mapping[str, Any]) -> str:
     # One spelling of equal content, so that indentation and the order of keys do not matter.
     text = json.dumps(
@@ -350,7 +343,7 @@ def _got(kind: str, value: Any) -> str:
     if kind in {"too_short", "too_long"}:
         return str(len(value))
     text = _written(value)
-    if kind in _NUMBERS and isinstance(value, str) and _is_number(value):
+    if kind in _NUMBERS and isinstance(value, str) and is_number(value):
         return f"the text {text}; leave out the quotation marks"
     return text
 
@@ -361,7 +354,8 @@ def _written(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a text can be read as a number."""
     try:
         float(text)
     except ValueError:

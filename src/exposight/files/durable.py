@@ -1,4 +1,4 @@
-"""Files and folders that are either whole or absent, whatever happens while they are written.
+"""Files and folders that are whole or absent, locked while written, and verified when read.
 
 A crash, a kill or a full disk in the middle of writing must not leave half a file under its final
 name. So everything is written under a temporary name, pushed to the disk (``fsync``), and
@@ -9,6 +9,8 @@ name lives there.
 from __future__ import annotations
 
 import errno
+import hashlib
+import logging
 import os
 import secrets
 import shutil
@@ -16,13 +18,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from exposight.errors import FileError
+from filelock import FileLock, Timeout
+
+from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from filelock import BaseFileLock
 
+
+WRITER_LOCK = "writer.lock"
 _SUFFIX = ".unfinished"
+_logger = logging.getLogger(__name__)
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -43,7 +51,8 @@ def write_durably(path: Path, data: bytes) -> None:
     path = Path(path)
     unfinished = _unfinished_name(path)
     try:
-        _write_and_sync(unfinished, data)
+        unfinished.write_bytes(data)
+        _sync(unfinished)
         unfinished.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
@@ -77,7 +86,7 @@ def durable_folder(path: Path) -> Iterator[Path]:
         unfinished.mkdir()
         yield unfinished
         for file in sorted(unfinished.iterdir()):
-            _sync_file(file)
+            _sync(file)
         _sync_folder(unfinished)
         if path.exists():  # rename would silently replace an empty folder
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
@@ -94,40 +103,26 @@ def is_unfinished(path: Path) -> bool:
     return Path(path).name.endswith(_SUFFIX)
 
 
-def sweep_unfinished(folder: Path) -> int:
+def sweep_unfinished(folder: Path) -> None:
     """Remove what a killed writer left under temporary names directly in a folder.
 
     Parameters
     ----------
     folder : Path
         Nobody else may be writing in it.
-
-    Returns
-    -------
-    int
-        How many were removed.
     """
-    left = [entry for entry in Path(folder).iterdir() if is_unfinished(entry)]
-    for entry in left:
+    for entry in list(filter(is_unfinished, Path(folder).iterdir())):
         if entry.is_dir():
             shutil.rmtree(entry, ignore_errors=True)
         else:
             entry.unlink(missing_ok=True)
-    return len(left)
 
 
 def _unfinished_name(path: Path) -> Path:
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}{_SUFFIX}")
 
 
-def _write_and_sync(path: Path, data: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_file(path: Path) -> None:
+def _sync(path: Path) -> None:
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
@@ -178,3 +173,179 @@ def make_folder(folder: Path, what: str = "output") -> Path:
         msg = f"{folder} cannot be used for {what}: {reason}"
         raise FileError(msg) from error
     return folder
+
+
+def sha256_of(data: bytes) -> str:
+    """Return the SHA-256 checksum of bytes, in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """Return the content of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it is, for messages.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    FileError
+        If the disk refuses.
+    """
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError as error:
+        msg = f"no {what} at {path}"
+        raise MissingFileError(msg) from error
+    except OSError as error:
+        msg = f"{path} cannot be read: {error.strerror or error}; check the disk and permissions"
+        raise FileError(msg) from error
+
+
+def read_text(path: Path, what: str) -> str:
+    """Return the content of a text file in UTF-8; see `read_bytes`.
+
+    Raises
+    ------
+    FormatError
+        If it is not UTF-8 text.
+    MissingFileError, FileError
+        As `read_bytes`.
+    """
+    try:
+        return read_bytes(path, what).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        msg = f"{path} is not UTF-8 text; expected a {what}"
+        raise FormatError(msg) from error
+
+
+def read_verified(path: Path, sha256: str, what: str) -> bytes:
+    """Return the content of a file whose SHA-256 is on record; see `read_bytes`.
+
+    Raises
+    ------
+    DamagedFileError
+        If its checksum is another.
+    MissingFileError, FileError
+        As `read_bytes`.
+    """
+    data = read_bytes(path, what)
+    if sha256_of(data) != sha256:
+        msg = (
+            f"{path} is damaged: its SHA-256 is not the one on record; restore it from a copy, or "
+            "delete it with the folder it is in and make it again"
+        )
+        raise DamagedFileError(msg)
+    return data
+
+
+def hold_writer_lock(folder: Path, what: str) -> BaseFileLock:
+    """Take a folder's lock, which only one writer can hold.
+
+    Parameters
+    ----------
+    folder : Path
+        Where ``writer.lock`` lies, or is made.
+    what : str
+        What is written there, for messages.
+
+    Returns
+    -------
+    BaseFileLock
+        Call its ``release()`` to let the next writer in.
+
+    Raises
+    ------
+    FileError
+        If another writer holds it, or the disk refuses.
+    """
+    path = folder / WRITER_LOCK
+    lock = FileLock(path, timeout=0, thread_local=False)  # whichever thread releases it
+    try:
+        lock.acquire()
+    except Timeout as error:
+        msg = f"another writer has {what} in {folder} open; wait until it is done, or close it"
+        raise FileError(msg) from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        if error.filename is not None:
+            msg = f"{path} cannot be opened to write {what}: {reason}"
+        else:
+            msg = (
+                f"{path} cannot be locked ({reason}), so a second writer could not be kept out; "
+                f"write {what} to a local disk and copy it afterwards"
+            )
+        raise FileError(msg) from error
+    return lock
+
+
+class KeptFiles:
+    """Files in a folder that need not be made again while all that decides them is the same.
+
+    A file's name carries a checksum of what decides its content, so that a file which other inputs
+    made is never taken for this one. Beside each lies the SHA-256 of its bytes; a file that was
+    damaged is removed when it is looked up, and made again.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are kept; must exist.
+    *decisive : str
+        All that decides their content, such as a plan, a scene's checksum and a version.
+    """
+
+    def __init__(self, folder: Path, *decisive: str) -> None:
+        self._folder = Path(folder)
+        self._checksum = sha256_of("\n".join(decisive).encode())[:12]
+
+    def path(self, name: str) -> Path:
+        """Return where a file is kept: ``inside.csv`` becomes ``inside-<checksum>.csv``."""
+        path = self._folder / name
+        return path.with_name(f"{path.stem}-{self._checksum}{path.suffix}")
+
+    def find(self, name: str) -> Path | None:
+        """Return the path of a file that is kept and undamaged; None where it must be made."""
+        path = self.path(name)
+        if not path.is_file():
+            return None
+        if not _seal_path(path).is_file():  # killed between the two; the file itself is whole
+            self.seal(name)
+            return path
+        try:
+            read_verified(path, read_bytes(_seal_path(path), "checksum").decode(), "kept file")
+        except (FileError, UnicodeDecodeError) as error:
+            _logger.warning("made again: %s", error)
+            path.unlink()
+            return None
+        return path
+
+    def keep(self, name: str, data: bytes) -> None:
+        """Write a file and its checksum.
+
+        Raises
+        ------
+        FileError
+            If the disk is full or refuses. What was kept before stays.
+        """
+        write_durably(self.path(name), data)
+        self.seal(name)
+
+    def seal(self, name: str) -> None:
+        """Write the checksum of a file that was written durably at its `path`.
+
+        Raises
+        ------
+        FileError
+            If it is not there, or the disk refuses.
+        """
+        path = self.path(name)
+        write_durably(_seal_path(path), sha256_of(read_bytes(path, "kept file")).encode())
+
+
+def _seal_path(path: Path) -> Path:
+    return path.with_suffix(".sha256")

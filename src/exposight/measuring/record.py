@@ -10,12 +10,10 @@ import json
 import socket
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from pydantic import Field
+from typing import TYPE_CHECKING, Any
 
 from exposight.errors import FileError, InputError
-from exposight.files import DocumentFormat, sha256_of, write_durably
+from exposight.files import Checksum, DocumentFormat, sha256_of, write_durably
 from exposight.plans import plan_to_toml, read_plan, write_plan
 
 if TYPE_CHECKING:
@@ -30,14 +28,12 @@ PLAN_FILE, RECORD_FILE = "plan.toml", "measurement.json"
 _SIMULATION_FILE = "simulation.json"
 """Record of versions before 0.2, in which only simulations were recorded."""
 
-_Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Record:
     """What ``measurement.json`` says."""
 
-    plan_sha256: _Checksum
+    plan_sha256: Checksum
     driver: dict[str, Any]
     clouds: bool
 

@@ -1,5 +1,10 @@
 """Run tasks in parallel, on this machine or the workers of a Dask scheduler; report progress."""
 
 from exposight.workers.dask_cluster import DaskCluster, choose_workers
-from exposight.workers.local_processes import LocalProcesses, Workers, usual_workers
-from exposight.workers.progress import Progress, ignore_progress
+from exposight.workers.local_processes import (
+    LocalProcesses,
+    Progress,
+    Workers,
+    ignore_progress,
+    usual_workers,
+)

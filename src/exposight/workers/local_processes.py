@@ -1,4 +1,4 @@
-"""Run tasks in parallel on processes of this machine, which never outlive this one."""
+"""Run tasks in parallel on processes of this machine, which never outlive this one; progress."""
 
 from __future__ import annotations
 
@@ -164,3 +164,23 @@ def _end_with(leash: Connection) -> None:
     with suppress(EOFError, OSError):
         leash.recv()  # nothing is ever sent
     os._exit(1)
+
+
+class Progress(Protocol):
+    """Receives the progress of a piece of work; a terminal draws a bar."""
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report progress.
+
+        Parameters
+        ----------
+        stage : str
+            What is being done, such as "observing".
+        done, total : int
+            Steps done and steps in all; a total of 0 means that it is not known yet.
+        """
+        ...
+
+
+def ignore_progress(stage: str, done: int, total: int) -> None:
+    """Ignore progress."""
