@@ -34,7 +34,7 @@ def fixed(value: float | None, decimals: int) -> str:
     """Format a number with that many decimals; None and NaN are a dash."""
     if value is None or math.isnan(value):
         return NO_VALUE
-    return f"{value:.{decimals}f}".replace("-", "−")
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")  # 0 is never negative
 
 
 def count(value: int) -> str:
@@ -111,7 +111,10 @@ class Column:
                     return fixed(scale * value, decimals)
                 return number(scale * value, self.digits or 4)
             case list() | tuple():
-                return ", ".join(self._text(item, scale) for item in value)
+                return ", ".join(
+                    str(item) if isinstance(item, int) else self._text(item, scale)
+                    for item in value
+                )
         return str(value)
 
 

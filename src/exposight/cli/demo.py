@@ -11,7 +11,7 @@ from cyclopts.types import NonNegativeInt
 
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
-from exposight.models import model_named
+from exposight.models import Evaluation, model_named
 from exposight.planning import ModelScores
 from exposight.plans import PLANS
 from exposight.report import (
@@ -25,8 +25,6 @@ from exposight.tables import Column, Table, number
 
 _QUICK_MODELS = ("q_k1", QUALITY_MODEL, "e_k1", EXPOSURE_MODEL)
 _QUICK_PLAN = "small"
-_KNOWN = "Models on the features that they were trained on"
-_UNSEEN = "Models on unseen features"
 
 
 def demo_command(
@@ -89,14 +87,20 @@ def demo_command(
             fact("output", str(output)),
         ),
         tables=(
-            replace(ModelScores(evaluations=known).table, name="known", title=_KNOWN),
-            replace(ModelScores(evaluations=unseen).table, name="unseen", title=_UNSEEN),
+            _scores("known", "the features that they were trained on", known),
+            _scores("unseen", "unseen features", unseen),
             _new_view(report),
         ),
         notes=("these numbers are the simulated cell's, not a real sensor's",),
         files=(file,),
         next_step=f"info {output / 'models' / (QUALITY_MODEL + '.exposight-model')}",
     )
+
+
+def _scores(name: str, features: str, evaluations: tuple[Evaluation, ...]) -> Table:
+    table = ModelScores(evaluations=evaluations).table
+    rows = table.frame.filter(rows="all")
+    return replace(table, name=name, title=f"Models on {features}", frame=rows)
 
 
 def _new_view(report: CampaignReport) -> Table:

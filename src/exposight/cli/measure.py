@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -104,8 +104,8 @@ def measure_command(
         raise UsageError(msg)
     chosen = plan_from(plan)
     if recording is not None:
-        replayed = ReplayDriver(recording)
-        return carry_out(chosen, lambda: replayed, options, default_workers=1)
+        replayed, alone = ReplayDriver(recording), replace(options, workers=options.workers or 1)
+        return carry_out(chosen, lambda: replayed, options if options.cluster else alone)
     folder = None if plan in PLANS else Path(plan).parent
     return carry_out(chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder), options)
 
@@ -114,8 +114,6 @@ def carry_out(
     plan: MeasuringPlan,
     make_driver: Callable[[], Any],
     options: RunOptions,
-    *,
-    default_workers: int | None = None,
 ) -> Result:
     """Carry out a plan, and return what was measured.
 
@@ -127,13 +125,11 @@ def carry_out(
         Returns the driver, which must know its part; may take seconds.
     options : RunOptions
         What is kept, and who works.
-    default_workers : int, optional
-        Processes where the options do not say; one for each core by default.
     """
     if options.observe and options.no_clouds:
         msg = "--observe keeps no clouds: leave out --no-clouds"
         raise UsageError(msg)
-    workers = options.workers or (1 if options.cluster else default_workers or usual_workers())
+    workers = options.workers or (1 if options.cluster else usual_workers())
     start = time.perf_counter()
     output = options.output or Path("observations.csv" if options.observe else "campaign")
     kept_in = views_folder(output) if options.observe else output

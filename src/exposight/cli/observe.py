@@ -235,7 +235,7 @@ def _measured(table: ObservationTable) -> list[Table]:
         return [ranges]
     columns = (
         Column(name="feature"),
-        Column(name="exposure_ms", label="exposure\nms"),
+        Column(name="exposure_ms", digits=4),
         Column(name="p_norm", digits=3),
         Column(name="i_avg", label="i_avg\n0–255", digits=3),
         *(Column(name=f"{axis}_mm", label=f"{axis}\nmm") for axis in "xyz"),

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from exposight.cli.terminal import console
 from exposight.errors import FileError
+from exposight.quantities import QUANTITIES
 from exposight.tables import Column, count
 
 if TYPE_CHECKING:
@@ -143,7 +144,8 @@ def _print_facts(facts: Iterable[Fact]) -> None:
     grid.add_column(style="cyan", no_wrap=True)
     grid.add_column(overflow="fold")
     for fact in facts:
-        grid.add_row(f"  {fact.name.replace('_', ' ')}", Text(fact.text))
+        name = fact.name if fact.name in QUANTITIES else fact.name.replace("_", " ")
+        grid.add_row(f"  {name}", Text(fact.text))
     console().print(grid)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -77,7 +78,7 @@ def train_command(
     """
     specifications = MODELS if _ALL in names else tuple(map(model_named, dict.fromkeys(names)))
     table = read_observations(observations)
-    owner = None if sensor is None else sensor_named_or_read(sensor)
+    parameterer = None if sensor is None else sensor_named_or_read(sensor)
     make_folder(output, "the models")
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     with progress_bars() as progress:
@@ -87,7 +88,7 @@ def train_command(
             seed=seed,
             source=observations.name,
             source_sha256=sha256,
-            sensor=owner,
+            sensor=parameterer,
             restarts=restarts,
             workers=workers or (1 if cluster else usual_workers()),
             cluster=cluster,
@@ -155,13 +156,17 @@ def hyperparameter_table(model: Predictor) -> Table:
     """Return a model's hyperparameters with what they act on and their units."""
     return Table.of(
         f"hyperparameters_of_{model.name}",
-        map(asdict, model.hyperparameters()),
         (
-            Column(name="name", label="hyperparameter", wraps=True),
+            {
+                "hyperparameter": re.sub(r"[._]|\[.*", " ", parameter.name).strip(),
+                **asdict(parameter),
+            }
+            for parameter in model.hyperparameters()
+        ),
+        (
+            Column(name="hyperparameter", wraps=True),
             Column(name="inputs", label="acts on", wraps=True),
-            Column(name="value"),
-            Column(name="unit"),
-            Column(name="remark"),
+            *(Column(name=name) for name in ("value", "unit", "remark")),
         ),
         title=model.name,
     )
