@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from exposight.plans import MeasuringPlan
     from exposight.workers import Progress
 
+_logger = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCampaign:
@@ -136,9 +138,6 @@ def plan_size(plan: MeasuringPlan) -> tuple[int, int]:
         sum(group.n_views for group in plan.groups),
         sum(group.n_views * len(group.exposures_ms) for group in plan.groups),
     )
-
-
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
