@@ -17,7 +17,7 @@ from functools import cache, partial
 from typing import TypeAlias
 
 from benchmarks.measuring import Figure, publish, say
-from exposight.models import train
+from exposight.models import Training
 from exposight.observing import (
     Observation,
     ObservationTable,
@@ -152,7 +152,8 @@ def judge(task: tuple[str, Mapping[str, ObservationTable]]) -> list[Figure]:
         if rows is None:
             msg = f"dataset {variant.dataset} has no training side"
             raise RuntimeError(msg)
-        model = train(variant.specification, rows, seed=_SETTINGS.seed, restarts=1)
+        specification, seed = variant.specification, _SETTINGS.seed
+        model = Training(specification=specification, table=rows, seed=seed, restarts=1).run()
         (score,) = (
             own.score
             for own in score_variant(variant, model, datasets)

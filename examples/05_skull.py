@@ -110,7 +110,7 @@ def place_features(
         feature = replace(feature, part_from_feature=pose)
         part = Part(name="patch", features=(feature,))
         (view,) = view_features(part, sensor, RigidTransform())
-        if view.visibility is not Visibility.VISIBLE or view.incidence_deg > 50.0:
+        if view.visibility is not Visibility.VISIBLE or view.pose["incidence_deg"] > 50.0:
             continue
         if 0.9 <= search.count([view])[0] / view.n_pixels <= 1.1:
             features.append(feature)

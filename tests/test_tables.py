@@ -72,11 +72,6 @@ def test_words_are_told_from_numbers(table):
     assert [table.is_text(column) for column in table.columns] == [True, False, False, True]
 
 
-def test_csv_has_every_digit_of_what_is_shown(table):
-    first = table.csv().decode().splitlines()[:2]
-    assert first == ["model,rmse,n,right", "q_k4,0.151,1475,true"]
-
-
 def test_a_table_prints_aligned_and_escapes_what_a_page_shows(table):
     head, first, _ = str(table).splitlines()
     assert head == "model     rmse      n  right"

@@ -18,9 +18,7 @@ Everything else is in the rooms: `exposight.cell`, `exposight.imaging`, `exposig
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from exposight.version import __version__
-
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what editors and mypy see of `_ROOMS`
     from exposight.cell import (
         ActiveSensor,
         Capture,
@@ -35,44 +33,13 @@ if TYPE_CHECKING:
     from exposight.errors import ExposightError
     from exposight.geometry import RigidTransform
     from exposight.imaging import decode
-    from exposight.measuring import measure
+    from exposight.measuring.measure import measure
     from exposight.models import ModelSpecification, Prediction, Predictor, load_model, save_model
     from exposight.observing import Campaign, ObservationTable, open_campaign, read_observations
-    from exposight.planning import Forecast, SensorModels, forecast
-    from exposight.planning import train_sensor_models as train
+    from exposight.planning import Forecast, SensorModels, forecast, train
     from exposight.plans import plan_preset, read_plan
 
-__all__ = [
-    "ActiveSensor",
-    "Campaign",
-    "Capture",
-    "Cloud",
-    "Driver",
-    "ExposightError",
-    "Feature",
-    "Forecast",
-    "ModelSpecification",
-    "ObservationTable",
-    "Part",
-    "Prediction",
-    "Predictor",
-    "RigidTransform",
-    "SensorModels",
-    "__version__",
-    "decode",
-    "forecast",
-    "load_model",
-    "measure",
-    "open_campaign",
-    "plan_preset",
-    "read_features",
-    "read_observations",
-    "read_plan",
-    "read_sensor",
-    "save_model",
-    "sensor_preset",
-    "train",
-]
+__version__ = "0.1.0"
 
 _ROOMS = {
     "cell": (
@@ -89,7 +56,7 @@ _ROOMS = {
     "plans": ("plan_preset", "read_plan"),
 }  # fmt: skip
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
-_NAME_THERE = {"train": "train_sensor_models"}
+__all__ = ["__version__", *_ROOM_OF]
 
 
 def __getattr__(name: str) -> object:
@@ -97,9 +64,7 @@ def __getattr__(name: str) -> object:
     if name not in _ROOM_OF:
         msg = f"module 'exposight' has no attribute {name!r}"
         raise AttributeError(msg)
-    room = import_module(f"exposight.{_ROOM_OF[name]}")
-    value = getattr(room, _NAME_THERE.get(name, name))
-    globals()[name] = value
+    globals()[name] = value = getattr(import_module(f"exposight.{_ROOM_OF[name]}"), name)
     return value
 
 

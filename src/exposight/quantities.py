@@ -7,10 +7,11 @@ here; nothing else lists them.
 from __future__ import annotations
 
 import html
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from functools import partial
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Quantity:
     """How a measured or predicted quantity is written.
 
@@ -36,12 +37,13 @@ class Quantity:
 
     symbol: str
     name: str
+    _: KW_ONLY
     unit: str
     digits: int
     low: float | None = None
     high: float | None = None
-    suffix: str
-    error_unit: str
+    suffix: str = ""
+    error_unit: str = ""
     error_factor: float = 1.0
 
     @property
@@ -73,42 +75,21 @@ class Quantity:
         return f"{self.suffix}²" if self.suffix else ""
 
 
-def _share(symbol: str, name: str) -> Quantity:
-    return Quantity(
-        symbol=symbol, name=name, unit="1", digits=2, low=0.0, high=1.0, suffix="",
-        error_unit="%", error_factor=100.0,
-    )  # fmt: skip
-
-
-def _grey(symbol: str, name: str) -> Quantity:
-    return Quantity(
-        symbol=symbol, name=name, unit="grey level 0–255", digits=1, low=0.0, high=255.0,
-        suffix="grey levels", error_unit="grey levels",
-    )  # fmt: skip
-
-
-def _length(symbol: str, name: str, low: float | None = None) -> Quantity:
-    return Quantity(
-        symbol=symbol, name=name, unit="mm", digits=1, low=low, suffix="mm", error_unit="mm"
-    )
-
-
-def _angle(symbol: str, name: str, high: float = 180.0) -> Quantity:
-    return Quantity(
-        symbol=symbol, name=name, unit="°", digits=1, low=-high, high=high, suffix="°",
-        error_unit="°",
-    )  # fmt: skip
-
-
-def _count(symbol: str, name: str) -> Quantity:
-    return Quantity(symbol=symbol, name=name, unit="1", digits=0, low=0.0, suffix="", error_unit="")
-
+_share = partial(
+    Quantity, unit="1", digits=2, low=0.0, high=1.0, error_unit="%", error_factor=100.0
+)
+_grey = partial(
+    Quantity, unit="grey level 0–255", digits=1, low=0.0, high=255.0, suffix="grey levels",
+    error_unit="grey levels",
+)  # fmt: skip
+_length = partial(Quantity, unit="mm", digits=1, suffix="mm", error_unit="mm")
+_angle = partial(Quantity, unit="°", digits=1, low=-180.0, high=180.0, suffix="°", error_unit="°")
+_count = partial(Quantity, unit="1", digits=0, low=0.0)
 
 QUANTITIES = {
     "p_norm": _share("p_norm", "point-cloud quality"),
     "exposure_ms": Quantity(
-        symbol="t_exp", name="exposure time", unit="ms", digits=2, low=0.0, suffix="ms",
-        error_unit="ms",
+        "t_exp", "exposure time", unit="ms", digits=2, low=0.0, suffix="ms", error_unit="ms"
     ),
     "i_avg": _grey("i_avg", "mean brightness of the ring"),
     "x_mm": _length("x_tcp", "position along x"),
@@ -125,7 +106,7 @@ QUANTITIES = {
     "i_p05": _grey("i_05", "5th percentile of the ring's brightness"),
     "i_p95": _grey("i_95", "95th percentile of the ring's brightness"),
     "clipped_share": _share("s_clip", "share of the ring's pixels at full scale"),
-    "incidence_deg": _angle("θ", "angle between ray and surface normal", high=90.0),
+    "incidence_deg": _angle("θ", "angle between ray and surface normal", low=-90.0, high=90.0),
 }  # fmt: skip
 """Every numeric column of an observation table."""
 
@@ -145,6 +126,4 @@ def quantity(column: str) -> Quantity:
     words, _, end = column.rpartition("_")
     unit = _SUFFIXES.get(end, "") if words else ""
     name = (words if unit else column).replace("_", " ")
-    return Quantity(
-        symbol=name, name=name, unit=unit or "1", digits=2, suffix=unit, error_unit=unit
-    )
+    return Quantity(name, name, unit=unit or "1", digits=2, suffix=unit, error_unit=unit)

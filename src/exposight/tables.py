@@ -125,7 +125,7 @@ class Table:
     Parameters
     ----------
     name : str
-        Its key in JSON, its id on a page, its file's name as CSV.
+        Its key in JSON.
     frame : polars.DataFrame
         One row for each line. May have more columns than are shown.
     columns : tuple of Column
@@ -165,10 +165,6 @@ class Table:
             tuple(column.cell(row) for column in self.columns)
             for row in self.frame.iter_rows(named=True)
         ]
-
-    def csv(self) -> bytes:
-        """Return the shown columns as a CSV file, with all digits."""
-        return self.frame.select([column.name for column in self.columns]).write_csv().encode()
 
     def __str__(self) -> str:
         rows = [tuple(column.heading for column in self.columns), *self.cells()]

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from exposight.measuring import measure, measure_observations
-from exposight.models import evaluate, model_named, train
+from exposight.models import Training, evaluate, model_named
 from exposight.observing import ObservationTable
 from exposight.plans import plan_preset
 from exposight.statistics import maximal_information_matrix
@@ -123,7 +123,8 @@ def small_study() -> dict[str, dict[str, object]]:
     unseen = np.array([name.endswith("_test") for name in table.names("feature")])
     known, test = table.where(~unseen), table.where(unseen)
     for name in MODELS:
-        model = train(model_named(name), known, seed=1, restarts=1)
+        specification = model_named(name)
+        model = Training(specification=specification, table=known, seed=1, restarts=1).run()
         judged = evaluate(model, test)
         result[f"model {name}"] = {
             "log_marginal_likelihood": model.summary.log_marginal_likelihood,

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from exposight.cell import ActiveSensor, ExposureRange, sensor_preset
-from exposight.models import GaussianProcessModel, ModelSpecification, train
+from exposight.models import GaussianProcessModel, ModelSpecification, Training
 from exposight.observing import Observation, ObservationTable
+from exposight.workers import Progress, ignore_progress
 
 
 def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
@@ -53,7 +54,10 @@ def synthetic_table(n: int = 60, seed: int = 0) -> ObservationTable:
 
 
 def train_quickly(
-    specification: ModelSpecification, table: ObservationTable | None = None, **settings: object
+    specification: ModelSpecification,
+    table: ObservationTable | None = None,
+    progress: Progress = ignore_progress,
+    **settings: object,
 ) -> GaussianProcessModel:
     given = {
         "seed": 5,
@@ -62,7 +66,8 @@ def train_quickly(
         "source_sha256": "ab" * 32,
         **settings,
     }
-    return train(specification, synthetic_table() if table is None else table, **given)
+    table = synthetic_table() if table is None else table
+    return Training(specification=specification, table=table, **given).run(progress)
 
 
 @pytest.fixture(scope="session")

@@ -93,8 +93,8 @@ def test_more_observations_count_as_if_they_had_been_there(trained, make_table, 
 
 def test_a_model_that_learnt_more_says_so(trained, make_table):
     model = trained(model_named("q_k4"))
-    learnt = model.with_observations(changed(make_table(5), emulated=True), source="today.csv")
-    assert learnt.provenance.observations == "synthetic.csv; today.csv"
+    learnt = model.with_observations(changed(make_table(5), emulated=True))
+    assert learnt.provenance.observations == "synthetic.csv; 5 more rows"
     assert learnt.provenance.observations_sha256 is None
     assert learnt.provenance.emulated
     assert learnt.summary.log_marginal_likelihood == learnt.process.log_marginal_likelihood

@@ -14,9 +14,13 @@ from exposight.models import (
     save_model,
     train_all,
 )
-from exposight.models import train as train_one
 
 SPECIFICATIONS = tuple(map(model_named, ("q_k1", "e_k1", "q_k2")))
+
+
+def train_one(specification, table, *, cluster=None, **settings):
+    training = Training(specification=specification, table=table, **settings)
+    return training.run(cluster=cluster)
 
 
 def train(table, specifications=SPECIFICATIONS, **settings):

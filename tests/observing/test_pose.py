@@ -33,8 +33,7 @@ def feature_of(kind, pose=None):
 def test_a_sensor_squarely_facing_a_feature_sees_no_angles(sensor, facing, kind):
     part = Part(name="part", features=(feature_of(kind),))
     (view,) = view_features(part, sensor, facing)
-    assert (view.w_deg, view.p_deg, view.r_deg) == (0.0, 0.0, 0.0)
-    assert view.incidence_deg == 0.0
+    assert [view.pose[name] for name in ("w_deg", "p_deg", "r_deg", "incidence_deg")] == [0.0] * 4
 
 
 @given(w=tilts, p=tilts)

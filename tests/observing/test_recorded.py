@@ -2,9 +2,9 @@
 
 import pytest
 
-from exposight.cell import CampaignWriter, MemoryCampaign, Part
+from exposight.cell import CampaignWriter, Part
 from exposight.errors import MissingFileError
-from exposight.observing import Campaign, Visibility, observe_campaign, open_campaign
+from exposight.observing import Visibility, observe_campaign, open_campaign
 
 
 @pytest.fixture
@@ -38,10 +38,10 @@ def test_a_notebook_shows_the_first_image_and_escapes_names(folder):
     assert "data:image/png;base64," in shown
 
 
-def test_a_campaign_without_captures_shows_itself(sensor, hole):
+def test_a_campaign_without_captures_shows_itself(sensor, hole, tmp_path):
     part = Part(name="p", features=(hole(),))
-    source = MemoryCampaign(name="c", sensor=sensor, part=part, captures=())
-    assert "0 captures" in Campaign(source)._repr_html_()
+    CampaignWriter.open_or_create(tmp_path, name="c", sensor=sensor, part=part).close()
+    assert "0 captures" in open_campaign(tmp_path)._repr_html_()
 
 
 def test_a_folder_that_is_no_campaign(tmp_path):

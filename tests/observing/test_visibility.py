@@ -91,5 +91,5 @@ def test_a_ring_that_crosses_the_frames_border_is_not(look, hole):
 def test_a_feature_faces_away_from_90_degrees_of_incidence(look, hole, tilt_deg, visible):
     pose = RigidTransform.from_fanuc_wpr((0, 0, 600), tilt_deg, 0, 0)
     view = look(hole(20.0), pose)
-    assert view.incidence_deg == pytest.approx(tilt_deg)
+    assert view.pose["incidence_deg"] == pytest.approx(tilt_deg)
     assert (view.visibility is not Visibility.FACING_AWAY) is visible

@@ -6,11 +6,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from exposight.cell import Feature, MemoryCampaign, Part, sensor_preset
+from exposight.cell import Feature, Part, sensor_preset
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.models import Prediction, model_named
-from exposight.observing import Campaign, view_features
+from exposight.observing import View, view_features
 from exposight.planning import WANTED_I_AVG, Forecast, forecast
 
 SENSOR = sensor_preset("comet-pro-ae")
@@ -130,11 +130,7 @@ def test_a_view_is_forecast_for_the_features_that_it_sees():
         )
         for x in (0.0, 5000.0)
     ]
-    campaign = Campaign(
-        MemoryCampaign(
-            name="c", sensor=SENSOR, part=Part(name="p", features=tuple(holes)), captures=()
-        )
-    )
-    view = campaign.view(SENSOR.camera_from_tcp)
+    pose, part = SENSOR.camera_from_tcp, Part(name="p", features=tuple(holes))
+    view = View(camera_from_part=pose, features=view_features(part, SENSOR, pose))
     assert len(view.features) == 2
     assert forecast(QUALITY, EXPOSURE, view, TIMES_MS).features == ("f0",)

@@ -8,7 +8,7 @@ from exposight.errors import InputError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.models import evaluate, model_named, save_model
 from exposight.observing import Observation, ObservationTable, view_features
-from exposight.planning import SensorModels, train_sensor_models
+from exposight.planning import SensorModels, train
 
 SENSOR = sensor_preset("comet-pro-ae")
 
@@ -42,7 +42,7 @@ def observations(n, seed):
 @pytest.fixture(scope="module")
 def models():
     table = observations(60, seed=1)
-    return train_sensor_models(table, sensor=SENSOR, models=("q_k1", "e_k2"), restarts=1)
+    return train(table, sensor=SENSOR, models=("q_k1", "e_k2"), restarts=1)
 
 
 @pytest.fixture
@@ -82,6 +82,14 @@ def test_a_forecast_looks_at_settings_of_the_sensor(models, views):
     assert models.forecast(views, [10.0]).exposures_ms == (10.0,)
 
 
+def test_more_observations_are_learnt_without_a_new_fit(models, views):
+    more = models.with_observations(observations(30, seed=3))
+    assert more.quality.n_observations == models.quality.n_observations + 30
+    assert more.exposure.n_observations > models.exposure.n_observations
+    assert more.quality.hyperparameters() == models.quality.hyperparameters()
+    assert (more.forecast(views).p_norm != models.forecast(views).p_norm).any()
+
+
 def test_models_are_kept_and_come_back(models, views, tmp_path):
     paths = models.save(tmp_path / "models")
     assert [path.name for path in paths] == ["q_k1.exposight-model", "e_k2.exposight-model"]
@@ -104,4 +112,4 @@ def test_models_of_the_wrong_targets_are_refused(models):
     with pytest.raises(InputError, match="expected a model that predicts p_norm, got e_k2"):
         SensorModels(quality=models.exposure, exposure=models.quality)
     with pytest.raises(InputError, match="one model that predicts p_norm and one"):
-        train_sensor_models(observations(20, seed=1), models=("q_k1", model_named("q_k2")))
+        train(observations(20, seed=1), models=("q_k1", model_named("q_k2")))

@@ -50,7 +50,7 @@ def test_features_lie_apart_on_smooth_surface_that_faces_the_camera(report):
     centres = np.array([pose.translation_mm for pose in report.view.tcp_from_feature])
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 1e9 * np.eye(len(centres))
     assert apart.min() >= 3.0
-    assert all(view.incidence_deg <= 50.0 for view in report.view.views)
+    assert all(view.pose["incidence_deg"] <= 50.0 for view in report.view.views)
 
 
 def test_quality_rises_and_falls_with_exposure(report):

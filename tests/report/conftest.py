@@ -17,7 +17,7 @@ from exposight.cell import (
     Part,
 )
 from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.models import model_named, train
+from exposight.models import Training, model_named
 from exposight.observing import observe_campaign
 from exposight.report import PartMesh, campaign_report
 
@@ -89,7 +89,10 @@ def models(table):
     known = table.where(np.isin(table.names("feature"), [EVIL, "s003"]))
     # Six inputs need more observations than two features have.
     rows = {"q_k1": known, "q_k4": known, "e_k1": known, "e_k6": table}
-    return [train(model_named(name), own, seed=1, restarts=1) for name, own in rows.items()]
+    return [
+        Training(specification=model_named(name), table=known, seed=1, restarts=1).run()
+        for name, known in rows.items()
+    ]
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from exposight.models import model_named, train
+from exposight.models import Training, model_named
 from exposight.observing import Observation, ObservationTable
 from exposight.paper import (
     Dataset,
@@ -86,7 +86,8 @@ def dataset(name, table, p_norm_min=None):
 
 
 def trained(name, data):
-    model = train(model_named(name), data.table, seed=1, restarts=1)
+    specification = model_named(name)
+    model = Training(specification=specification, table=data.table, seed=1, restarts=1).run()
     variant = Variant(
         name=name,
         title=name,

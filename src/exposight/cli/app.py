@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.exceptions import MissingArgumentError
 
+from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
 from exposight.cli.terminal import print_error, print_json, quit_quietly
 from exposight.errors import ExposightError, did_you_mean
-from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

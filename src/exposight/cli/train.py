@@ -17,6 +17,7 @@ from exposight.cli.terminal import progress_bars
 from exposight.files import make_folder
 from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
 from exposight.observing import read_observations
+from exposight.planning import DEFAULT_MODELS
 from exposight.tables import Column, Table, counted
 from exposight.workers import usual_workers
 
@@ -35,10 +36,9 @@ def train_command(
     observations: Path,
     /,
     *,
-    names: Annotated[tuple[str, ...], Parameter(("--model", "-m"), metavar="NAME")] = (
-        "q_k4",
-        "e_k6",
-    ),
+    names: Annotated[
+        tuple[str, ...], Parameter(("--model", "-m"), metavar="NAME")
+    ] = DEFAULT_MODELS,
     output: Annotated[Path, Parameter(alias="-o")] = Path("models"),
     seed: NonNegativeInt = 1,
     restarts: PositiveInt = 3,
@@ -54,7 +54,7 @@ def train_command(
 
     For example:
 
-        exposight train observations.csv -m q_k4 -m e_k6 -o models/
+        exposight train observations.csv -m q_k1 -m e_k6 -o models/
 
     Parameters
     ----------

@@ -22,4 +22,4 @@ from exposight.models.specification import (
     model_named,
     product_kernel,
 )
-from exposight.models.training import Training, run_trainings, train, train_all
+from exposight.models.training import Training, run_trainings, train_all

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from exposight import __version__
 from exposight.errors import InputError
 from exposight.files import validate
 from exposight.gp import Committee, GaussianProcess, kernel_from_dict
@@ -21,7 +22,7 @@ from exposight.models.predictor import (
 from exposight.models.specification import ModelSpecification
 from exposight.quantities import quantity
 from exposight.statistics import inside_box
-from exposight.version import __version__
+from exposight.tables import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -141,21 +142,12 @@ class GaussianProcessModel(Predictor):
         """Smallest and largest training value of the target."""
         return float(self.process.y.min()), float(self.process.y.max())
 
-    def with_observations(
-        self, table: ObservationTable, *, source: str = "a table in memory"
-    ) -> GaussianProcessModel:
+    def with_observations(self, table: ObservationTable) -> GaussianProcessModel:
         """Learn from more observations, as a cell does after each capture.
 
-        The hyperparameters stay; where the new observations lie far from the old ones, `train`
-        on all of them. With two thousand observations it takes some ten milliseconds.
-
-        Parameters
-        ----------
-        table : ObservationTable
-            Observations; those that this model does not learn from are left out (`rows`), be it
-            all of them.
-        source : str
-            What the table is; added to the model's provenance.
+        The hyperparameters stay; where the new observations lie far from the old ones, train on
+        all of them. With two thousand observations it takes some ten milliseconds. Observations
+        that this model does not learn from are left out (`rows`), be it all of them.
 
         Raises
         ------
@@ -179,7 +171,7 @@ class GaussianProcessModel(Predictor):
             summary=replace(self.summary, log_marginal_likelihood=process.log_marginal_likelihood),
             provenance=replace(
                 self.provenance,
-                observations=f"{self.provenance.observations}; {source}",
+                observations=f"{self.provenance.observations}; {counted(len(rows), 'more row')}",
                 observations_sha256=None,
                 emulated=self.provenance.emulated or bool(rows.frame["emulated"].any()),
                 exposight_version=__version__,

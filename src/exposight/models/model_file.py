@@ -13,7 +13,7 @@ import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from exposight.errors import DamagedFileError, FormatError, InputError, MissingF
 from exposight.files import DocumentFormat, check_header, parse_json, write_durably
 from exposight.models.predictor import Predictor, Provenance, predictor_kind
 from exposight.quantities import quantity
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 MODEL_SUFFIX = ".exposight-model"
 """Ending of a model file's name."""
@@ -63,16 +60,14 @@ _FORMAT = DocumentFormat("exposight model", 2, _Manifest)
 
 
 def save_model(path: str | Path, model: Predictor) -> None:
-    """Write a trained model to one file, durably.
-
-    The same model gives the same bytes.
+    """Write a trained model to one file, durably; the same model gives the same bytes.
 
     Parameters
     ----------
     path : path
         Should end in `MODEL_SUFFIX`.
     model : Predictor
-        What to write.
+        Of any registered kind.
 
     Raises
     ------
@@ -80,14 +75,23 @@ def save_model(path: str | Path, model: Predictor) -> None:
         If it cannot be written; a file that was there stays whole.
     """
     content, arrays = model.to_document()
+    manifest = _Manifest(
+        kind=model.kind,
+        name=model.name,
+        title=model.title,
+        target=_variable(model.target),
+        inputs=tuple(map(_variable, model.inputs)),
+        provenance=model.provenance,
+        sensor=model.sensor.to_json() if model.sensor else None,
+        content=content,
+    )
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        members = {
-            _MANIFEST: _FORMAT.to_json(_manifest(model, content)).encode(),
-            **{f"{name}{_ARRAY}": _npy(array) for name, array in arrays.items()},
-        }
-        for name, data in members.items():
-            archive.writestr(zipfile.ZipInfo(name, date_time=_EPOCH), data)
+        archive.writestr(_member(_MANIFEST), _FORMAT.to_json(manifest).encode())
+        for name, array in arrays.items():
+            data = io.BytesIO()
+            np.save(data, array, allow_pickle=False)
+            archive.writestr(_member(f"{name}{_ARRAY}"), data.getvalue())
         archive.comment = b"0" * _DIGEST_LENGTH
     unsealed = buffer.getvalue()[:-_DIGEST_LENGTH]
     digest = hashlib.sha256(unsealed).hexdigest().encode()
@@ -129,14 +133,19 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
             f"{path}: expected a model file (a ZIP archive that `train` wrote), got something else"
         )
         raise FormatError(msg)
-    _check_digest(path, data)
+    if hashlib.sha256(data[:-_DIGEST_LENGTH]).hexdigest().encode() != data[-_DIGEST_LENGTH:]:
+        msg = (
+            f"{path}: damaged or cut short: its checksum does not match its content; "
+            "copy it again, or train the model again"
+        )
+        raise DamagedFileError(msg)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             manifest = archive.read(_MANIFEST).decode()
             raw = parse_json(manifest, str(path))
             check_header(raw, format_name=_FORMAT.name, newest=_FORMAT.version, source=str(path))
             arrays = {
-                name.removesuffix(_ARRAY): _read_npy(archive.read(name))
+                name.removesuffix(_ARRAY): np.load(io.BytesIO(archive.read(name)))
                 for name in archive.namelist()
                 if name.endswith(_ARRAY)
             }
@@ -190,27 +199,8 @@ def _is_marked(head: bytes, tail: bytes) -> bool:
     return begins or re.fullmatch(rb"[0-9a-f]{64}", tail) is not None
 
 
-def _check_digest(path: Path, data: bytes) -> None:
-    content, digest = data[:-_DIGEST_LENGTH], data[-_DIGEST_LENGTH:]
-    if hashlib.sha256(content).hexdigest().encode() != digest:
-        msg = (
-            f"{path}: damaged or cut short: its checksum does not match its content; "
-            "copy it again, or train the model again"
-        )
-        raise DamagedFileError(msg)
-
-
-def _manifest(model: Predictor, content: dict[str, Any]) -> _Manifest:
-    return _Manifest(
-        kind=model.kind,
-        name=model.name,
-        title=model.title,
-        target=_variable(model.target),
-        inputs=tuple(map(_variable, model.inputs)),
-        provenance=model.provenance,
-        sensor=model.sensor.to_json() if model.sensor else None,
-        content=content,
-    )
+def _member(name: str) -> zipfile.ZipInfo:
+    return zipfile.ZipInfo(name, date_time=_EPOCH)
 
 
 def _variable(name: str) -> _Variable:
@@ -233,14 +223,3 @@ def _check_units(document: _Manifest, source: str) -> None:
                 f"'{unit}'; train the model again"
             )
             raise FormatError(msg)
-
-
-def _npy(array: NDArray[Any]) -> bytes:
-    buffer = io.BytesIO()
-    np.save(buffer, array, allow_pickle=False)
-    return buffer.getvalue()
-
-
-def _read_npy(data: bytes) -> NDArray[Any]:
-    array: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
-    return array

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 import polars as pl
 
+from exposight import __version__
+from exposight.cell import GREY_MAX
 from exposight.errors import InputError, ObservationError, did_you_mean
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
-from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -169,10 +170,6 @@ class Predictor(ABC):
             values hold for all rows. Columns of observation tables that the model does not read
             are ignored.
 
-        Returns
-        -------
-        Prediction
-
         Raises
         ------
         InputError
@@ -204,11 +201,22 @@ class Predictor(ABC):
 
     @abstractmethod
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
-        """Predict for a frame whose columns are `inputs`, in their order."""
+        """Predict for a frame whose columns are `inputs`, in their order; `input_array` helps."""
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the rows of a table that the model learns from and is evaluated on."""
         return table.measured()
+
+    def with_observations(self, table: ObservationTable) -> Predictor:
+        """Return a model that has learnt from more observations, without a new fit.
+
+        Raises
+        ------
+        InputError
+            If this kind cannot.
+        """
+        msg = f"{self.name} cannot learn from {len(table)} more rows: train it again on all of them"
+        raise InputError(msg)
 
     @property
     def n_observations(self) -> int | None:
@@ -256,7 +264,7 @@ class Predictor(ABC):
         ----------
         common : mapping
             The fields of `Predictor` by name.
-        content, arrays
+        content, arrays : dict, mapping
             What `to_document` returned.
 
         Raises
@@ -291,13 +299,7 @@ def register_predictor(kind: _Kind) -> _Kind:
 
 
 def predictor_kind(name: str) -> type[Predictor]:
-    """Return the registered kind of this name.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the registered kind of this name; `InputError` if there is none."""
     if name not in _KINDS:
         msg = (
             f"unknown kind of model {name!r}; expected one of {', '.join(_KINDS)}: import the "
@@ -334,25 +336,18 @@ def input_array(name: str, frame: pl.DataFrame) -> NDArray[np.float64]:
             raise ObservationError(msg)
     values = frame.select(pl.all().cast(pl.Float64).fill_null(np.nan)).to_numpy()
     array = np.asarray(values, dtype=np.float64).reshape(-1, frame.width)
-    for i, column_name in enumerate(frame.columns):
-        _check(name, column_name, array[:, i], np.isfinite(array[:, i]), "finite numbers")
-        scale = quantity(column_name)
-        if scale.unit.startswith("grey"):
-            on_scale = (array[:, i] >= (scale.low or 0.0)) & (array[:, i] <= (scale.high or 255.0))
-            _check(name, column_name, array[:, i], on_scale, "grey levels from 0 to 255")
+    for column_name, numbers in zip(frame.columns, array.T, strict=True):
+        good, expected = np.isfinite(numbers), "finite numbers"
+        if good.all() and quantity(column_name).unit.startswith("grey"):
+            good, expected = (numbers >= 0.0) & (numbers <= GREY_MAX), "grey levels from 0 to 255"
+        if not good.all():
+            bad = np.flatnonzero(~good)
+            msg = (
+                f"{name}: column '{column_name}' must hold {expected}, got {numbers[bad[0]]:g} in "
+                f"row {bad[0] + 1} ({bad.size} of {len(numbers)} rows)"
+            )
+            raise ObservationError(msg)
     return array
-
-
-def _check(
-    name: str, column: str, values: NDArray[np.float64], good: NDArray[np.bool_], expected: str
-) -> None:
-    bad = np.flatnonzero(~good)
-    if bad.size:
-        msg = (
-            f"{name}: column '{column}' must hold {expected}, got {values[bad[0]]:g} in row "
-            f"{bad[0] + 1} ({bad.size} of {len(values)} rows)"
-        )
-        raise ObservationError(msg)
 
 
 def _frame_of(name: str, inputs: Sequence[str], columns: Mapping[str, ArrayLike]) -> pl.DataFrame:

@@ -106,31 +106,6 @@ def base_kernel(n_inputs: int) -> Kernel:
     )
 
 
-def _quality_model(name: str, inputs: tuple[str, ...], source: str) -> ModelSpecification:
-    return ModelSpecification(
-        name=name,
-        title=f"quality, {len(inputs)}D",
-        target="p_norm",
-        inputs=inputs,
-        kernel=base_kernel(len(inputs)),
-        p_norm_min=None,
-        source=source,
-    )
-
-
-QUALITY_MODELS = (
-    _quality_model("q_k1", ("i_avg",), "Sect. 3.3.4, Eq. 11"),
-    _quality_model("q_k2", ("i_avg", "z_mm"), "Sect. 3.3.5, Eq. 14"),
-    _quality_model("q_k3", ("i_avg", "z_mm", "x_mm"), "Sect. 3.3.5"),
-    _quality_model("q_k4", ("i_avg", "z_mm", "x_mm", "y_mm"), "Sect. 3.3.6, Eq. 15"),
-    _quality_model("q_k6", ("i_avg", "z_mm", "x_mm", "y_mm", "w_deg", "p_deg"), "Sect. 3.3.7"),
-)
-
-
-_BRIGHTNESS = ("i_avg",)
-_POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
-
-
 def isotropic_kernel(n_inputs: int) -> Kernel:
     """Return the form of the exponential kernel (Eq. 18): one length scale for all inputs."""
     return Exponential(variance=1.0, length_scales=(1.0,), dims=tuple(range(n_inputs)))
@@ -162,33 +137,42 @@ def linear_kernel(n_inputs: int) -> Kernel:
     return Linear(variances=(1.0,) * n_inputs, dims=tuple(range(n_inputs)))
 
 
-def _exposure_model(
+_NESTED = ("i_avg", "z_mm", "x_mm", "y_mm", "w_deg", "p_deg")
+_SIX = ("i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
+
+
+def _paper_model(
     name: str, title: str, inputs: tuple[str, ...], kernel: Callable[[int], Kernel], source: str
 ) -> ModelSpecification:
+    quality = name.startswith("q_")
     return ModelSpecification(
         name=name,
-        title=f"exposure time, {title}",
-        target="exposure_ms",
+        title=f"{'quality' if quality else 'exposure time'}, {title}",
+        target="p_norm" if quality else "exposure_ms",
         inputs=inputs,
         kernel=kernel(len(inputs)),
-        p_norm_min=P_NORM_MIN,
+        p_norm_min=None if quality else P_NORM_MIN,
         source=source,
     )
 
 
-_SIX = _BRIGHTNESS + _POSE
+QUALITY_MODELS = (
+    _paper_model("q_k1", "1D", _NESTED[:1], base_kernel, "Sect. 3.3.4, Eq. 11"),
+    _paper_model("q_k2", "2D", _NESTED[:2], base_kernel, "Sect. 3.3.5, Eq. 14"),
+    _paper_model("q_k3", "3D", _NESTED[:3], base_kernel, "Sect. 3.3.5"),
+    _paper_model("q_k4", "4D", _NESTED[:4], base_kernel, "Sect. 3.3.6, Eq. 15"),
+    _paper_model("q_k6", "6D", _NESTED, base_kernel, "Sect. 3.3.7"),
+)
 
 EXPOSURE_TIME_MODELS = (
-    _exposure_model("e_k1", "1D", _BRIGHTNESS, isotropic_kernel, "Sect. 3.4.5, Eq. 19"),
-    _exposure_model("e_k2", "2D", ("i_avg", "z_mm"), isotropic_kernel, "Sect. 3.4.6"),
-    _exposure_model("e_k3", "3D", ("i_avg", "z_mm", "x_mm"), isotropic_kernel, "Sect. 3.4.6"),
-    _exposure_model(
-        "e_k4", "4D", ("i_avg", "z_mm", "x_mm", "y_mm"), isotropic_kernel, "Sect. 3.4.7"
-    ),
-    _exposure_model("e_k6_plus", "6D", _SIX, isotropic_kernel, "Sect. 3.4.8, Eq. 20"),
-    _exposure_model("e_k6_star", "6D ARD", _SIX, ard_kernel, "Sect. 3.4.8"),
-    _exposure_model("e_k6", "6D product", _SIX, product_kernel, "Sect. 3.4.8, Eq. 21"),
-    _exposure_model("e_k6_lin", "6D linear", _SIX, linear_kernel, "Sect. 3.4.9"),
+    _paper_model("e_k1", "1D", _NESTED[:1], isotropic_kernel, "Sect. 3.4.5, Eq. 19"),
+    _paper_model("e_k2", "2D", _NESTED[:2], isotropic_kernel, "Sect. 3.4.6"),
+    _paper_model("e_k3", "3D", _NESTED[:3], isotropic_kernel, "Sect. 3.4.6"),
+    _paper_model("e_k4", "4D", _NESTED[:4], isotropic_kernel, "Sect. 3.4.7"),
+    _paper_model("e_k6_plus", "6D", _SIX, isotropic_kernel, "Sect. 3.4.8, Eq. 20"),
+    _paper_model("e_k6_star", "6D ARD", _SIX, ard_kernel, "Sect. 3.4.8"),
+    _paper_model("e_k6", "6D product", _SIX, product_kernel, "Sect. 3.4.8, Eq. 21"),
+    _paper_model("e_k6_lin", "6D linear", _SIX, linear_kernel, "Sect. 3.4.9"),
 )
 
 MODELS = (*QUALITY_MODELS, *EXPOSURE_TIME_MODELS)

@@ -186,19 +186,6 @@ class Training:
         raise ObservationError(msg)
 
 
-def train(
-    specification: ModelSpecification,
-    table: ObservationTable,
-    *,
-    progress: Progress = ignore_progress,
-    cluster: str | None = None,
-    **settings: Any,
-) -> GaussianProcessModel:
-    """Train a Gaussian process; settings as for `Training`, the rest as for `Training.run`."""
-    training = Training(specification=specification, table=table, **settings)
-    return training.run(progress, cluster=cluster)
-
-
 def run_trainings(
     trainings: Sequence[Training],
     *,

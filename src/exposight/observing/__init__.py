@@ -2,21 +2,22 @@
 
 from exposight.observing.masks import (
     FeatureView,
+    PointSearch,
     View,
     Visibility,
     incidence_deg,
     orientation_deg,
+    point_search,
     pose_columns,
     view_features,
 )
 from exposight.observing.observe import (
+    Campaign,
     RingBrightness,
     observe_campaign,
     observe_capture,
+    open_campaign,
     ring_brightness,
 )
-from exposight.observing.point_search import PointSearch, point_search
-from exposight.observing.recorded import Campaign, open_campaign
 from exposight.observing.schema import REQUIRED, SCHEMA, Observation
-from exposight.observing.table import ObservationTable
-from exposight.observing.table_file import read_inputs, read_observations
+from exposight.observing.table import ObservationTable, read_inputs, read_observations

@@ -1,21 +1,36 @@
-"""The 2D mask of a feature: which pixels its ring covers, or why it cannot be measured.
+"""Where a view looks for a feature: the 2D mask of its ring, and its points in the cloud.
 
 Sect. 3.1.1 of the paper: the hollow cylinder's ring, projected at the feature's plane (Eqs. 6, 7),
 is both the largest possible number of 3D points and the mask in which brightness is averaged. It
 depends on where the sensor stands and not on the exposure, so it is computed once per view.
+
+Points inside the hollow cylinder (Eq. 4) are counted without touching most of the cloud. Those of
+an organised cloud that lie where their pixels look are found by those pixels: only the ones onto
+which the cylinder projects need be looked at. All other points are sorted once along their longest
+side, so that a cylinder needs only the slice beside it. Together they give the very count that
+testing every point would.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 import polars as pl
 
 from exposight.cell import PAPER_TOLERANCE
-from exposight.geometry import outlines_in_camera, pixel_boxes, ring_pixels
+from exposight.compiled import njit
+from exposight.geometry import (
+    PixelBox,
+    count_points_inside,
+    outlines_in_camera,
+    pixel_boxes,
+    ring_pixels,
+)
 from exposight.tables import Column, Table
 
 if TYPE_CHECKING:
@@ -23,13 +38,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from exposight.cell import ActiveSensor, Feature, Part, RingTolerance
-    from exposight.geometry import HollowCylinder, PixelBox, RigidTransform
+    from exposight.cell import ActiveSensor, Cloud, Feature, Part, RingTolerance
+    from exposight.geometry import HollowCylinder, PinholeCamera, RigidTransform
+
 
 _MARGIN_PX = 3
 """Slack round the pixels searched for points: decoded points stray a little from their pixel."""
 
 _NO_PIXELS = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+
+_POSE_COLUMNS = (
+    "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg", "radius_mm", "incidence_deg",
+)  # fmt: skip
 
 _SYMMETRIC_KINDS = frozenset({"hole", "sphere", "surface_point"})
 
@@ -57,10 +77,6 @@ class FeatureView:
         Its measured region in its own frame.
     camera_from_feature, tcp_from_feature : RigidTransform
         Where it is.
-    w_deg, p_deg, r_deg : float, degrees
-        Its orientation in the TCP frame (`orientation_deg`).
-    incidence_deg : float, degrees
-        Angle between the camera's ray to the feature and its normal; 0 is square.
     visibility : Visibility
         Why it cannot be measured, where it cannot.
     rows, columns : (n,) ndarray of int
@@ -73,10 +89,6 @@ class FeatureView:
     region: HollowCylinder
     camera_from_feature: RigidTransform
     tcp_from_feature: RigidTransform
-    w_deg: float
-    p_deg: float
-    r_deg: float
-    incidence_deg: float
     visibility: Visibility
     rows: NDArray[np.int64]
     columns: NDArray[np.int64]
@@ -86,6 +98,21 @@ class FeatureView:
     def n_pixels(self) -> int:
         """The paper's n_max,2D: pixels whose centre lies in the ring (Eq. 6)."""
         return int(self.rows.size)
+
+    @cached_property
+    def pose(self) -> dict[str, Any]:
+        """The columns of an observation table that the pose decides.
+
+        Position in mm and orientation (`orientation_deg`) in the TCP frame, ``radius_mm``, and
+        ``incidence_deg``.
+        """
+        values = (
+            *self.tcp_from_feature.translation_mm.tolist(),
+            *orientation_deg(self.feature, self.tcp_from_feature),
+            self.feature.radius_mm,
+            incidence_deg(self.camera_from_feature),
+        )
+        return dict(zip(_POSE_COLUMNS, values, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,29 +154,14 @@ def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
     Returns
     -------
     polars.DataFrame
-        One row for each feature: ``feature``, position in mm and orientation in degrees in the TCP
-        frame, ``radius_mm``, ``n_pixels`` and ``incidence_deg``.
+        One row for each feature: ``feature``, ``n_pixels``, and what `FeatureView.pose` has.
     """
-    rows = [
-        (
-            each.feature.name,
-            *each.tcp_from_feature.translation_mm.tolist(),
-            each.w_deg,
-            each.p_deg,
-            each.r_deg,
-            each.feature.radius_mm,
-            each.n_pixels,
-            each.incidence_deg,
-        )
-        for each in features
-    ]
-    numbers = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg", "radius_mm")
     schema = {
         "feature": pl.String,
-        **dict.fromkeys(numbers, pl.Float64),
         "n_pixels": pl.Int64,
-        "incidence_deg": pl.Float64,
+        **dict.fromkeys(_POSE_COLUMNS, pl.Float64),
     }
+    rows = [(each.feature.name, each.n_pixels, *each.pose.values()) for each in features]
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
@@ -163,16 +175,6 @@ def orientation_deg(
     in all of the paper's Table 9, and (w, p) depend on the normal alone. Slots and pockets keep
     their turn.
 
-    Parameters
-    ----------
-    feature : Feature
-        The feature.
-    tcp_from_feature : RigidTransform
-        Where it is.
-
-    Returns
-    -------
-    w_deg, p_deg, r_deg : float, degrees
     """
     if feature.kind not in _SYMMETRIC_KINDS:
         return tcp_from_feature.to_fanuc_wpr()
@@ -240,18 +242,12 @@ def view_features(
         visibility = _visibility(bool(behind[i]), angles[i], in_frame[i], rows.size)
         if visibility is not Visibility.VISIBLE:
             rows, columns = _NO_PIXELS
-        tcp_from_feature = tcp_from_camera @ poses[i]
-        w_deg, p_deg, r_deg = orientation_deg(feature, tcp_from_feature)
         views.append(
             FeatureView(
                 feature=feature,
                 region=regions[i],
                 camera_from_feature=poses[i],
-                tcp_from_feature=tcp_from_feature,
-                w_deg=w_deg,
-                p_deg=p_deg,
-                r_deg=r_deg,
-                incidence_deg=angles[i],
+                tcp_from_feature=tcp_from_camera @ poses[i],
                 visibility=visibility,
                 rows=rows,
                 columns=columns,
@@ -272,3 +268,103 @@ def _visibility(
         return Visibility.VISIBLE if n_pixels else Visibility.BELOW_ONE_PIXEL
     partly = outline_in_frame.any() or n_pixels
     return Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME
+
+
+_STRAY_PX = 1.0
+"""How far beside its pixel a point may lie to be found by it; less than a search box's margin."""
+
+
+class PointSearch:
+    """Counts a cloud's points inside features' hollow cylinders; `point_search` makes one.
+
+    Parameters
+    ----------
+    by_pixel : (h, w, 3) ndarray of float32 or None
+        Points that lie where their pixels look; others are NaN.
+    by_slice : (n, 3) ndarray of float32 or None
+        All other points.
+    """
+
+    def __init__(
+        self, by_pixel: NDArray[np.float32] | None, by_slice: NDArray[np.float32] | None
+    ) -> None:
+        self._by_pixel, self._by_slice = by_pixel, by_slice
+        if by_slice is not None:
+            self._axis = int(np.argmax(np.ptp(by_slice, axis=0))) if len(by_slice) else 0
+            self._by_slice = by_slice[np.argsort(by_slice[:, self._axis], kind="stable")]
+            self._coordinate = np.ascontiguousarray(self._by_slice[:, self._axis])
+
+    def count(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        """Return the paper's n_points (Eq. 4) of each feature."""
+        counts = np.zeros(len(views), dtype=np.int64)
+        if self._by_pixel is not None:
+            counts += _count(views, self._by_pixel, [view.search_box for view in views])
+        if self._by_slice is not None:
+            counts += _count(views, self._by_slice, [self._slice(view) for view in views])
+        return counts
+
+    def _slice(self, view: FeatureView) -> PixelBox:
+        centre = view.camera_from_feature.translation_mm[self._axis]
+        reach = view.region.bounding_radius_mm
+        # float32 neighbours of the bounds: searching float32 values must not lose a border point
+        low = np.nextafter(np.float32(centre - reach), np.float32(-np.inf))
+        high = np.nextafter(np.float32(centre + reach), np.float32(np.inf))
+        start = int(np.searchsorted(self._coordinate, low, side="left"))
+        stop = int(np.searchsorted(self._coordinate, high, side="right"))
+        return PixelBox(top=0, bottom=1, left=start, right=stop)
+
+
+def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
+    """Choose the quickest exact way to search a cloud.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Points in the camera's frame, mm.
+    camera : PinholeCamera
+        The camera whose pixels an organised cloud has.
+    """
+    if not cloud.organised or cloud.valid.shape != (camera.height, camera.width):
+        return PointSearch(None, cloud.valid_points)
+    allowed_x, allowed_y = _STRAY_PX / camera.fx, _STRAY_PX / camera.fy
+    stray, n_stray = _find_strays(cloud.points, camera.rays(), allowed_x, allowed_y)
+    if n_stray == 0:
+        return PointSearch(cloud.points, None)
+    if n_stray == cloud.n_valid:
+        return PointSearch(None, cloud.valid_points)
+    following = cloud.points.copy()
+    following[stray] = np.nan
+    return PointSearch(following, cloud.points[stray])
+
+
+@njit(parallel=True)
+def _find_strays(
+    points: NDArray[np.float32], rays: NDArray[np.float64], allowed_x: float, allowed_y: float
+) -> tuple[NDArray[np.bool_], int]:
+    """Mark the points that do not lie where their pixels look, and count them."""
+    stray = np.empty(points.shape[:2], dtype=np.bool_)
+    count = 0
+    for v in numba.prange(points.shape[0]):
+        row, ray, marks = points[v], rays[v], stray[v]
+        in_row = 0
+        for u in range(row.shape[0]):
+            x, y, z = row[u, 0], row[u, 1], row[u, 2]
+            # False behind the camera, and where the lens model gives the pixel no ray
+            near = (abs(x - ray[u, 0] * z) <= allowed_x * z) & (
+                abs(y - ray[u, 1] * z) <= allowed_y * z
+            )
+            marks[u] = (z == z) & (not near)  # a missing point is NaN, and strays nowhere
+            in_row += marks[u]
+        count += in_row
+    return stray, count
+
+
+def _count(
+    views: Sequence[FeatureView], points: NDArray[np.float32], boxes: Sequence[PixelBox]
+) -> NDArray[np.int64]:
+    return count_points_inside(
+        [view.region for view in views],
+        points,
+        [view.camera_from_feature for view in views],
+        boxes,
+    )

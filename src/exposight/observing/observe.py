@@ -9,16 +9,25 @@ come from one histogram, so they cost nothing beside it.
 
 from __future__ import annotations
 
+import base64
+import html
 import logging
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.cell import GREY_MAX, PAPER_TOLERANCE
+from exposight.cell import GREY_MAX, PAPER_TOLERANCE, CampaignFolder, png_bytes
 from exposight.errors import CloudError
-from exposight.observing.masks import FeatureView, Visibility, view_features
-from exposight.observing.point_search import PointSearch, point_search
+from exposight.observing.masks import (
+    FeatureView,
+    PointSearch,
+    View,
+    Visibility,
+    point_search,
+    view_features,
+)
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
 from exposight.workers import Progress, ignore_progress
@@ -27,6 +36,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.cell import Capture, CaptureSource, Cloud, RingTolerance
+    from exposight.geometry import RigidTransform
+
 
 logger = logging.getLogger(__name__)
 
@@ -134,33 +145,21 @@ def _check_unit(campaign: CaptureSource, measured: ObservationTable, cloud: Clou
 
 def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Observation:
     """Make a row; `n_points` is None where the feature cannot be measured."""
-    measured = n_points is not None
-    brightness = ring_brightness(capture, view.rows, view.columns) if measured else None
-    x_mm, y_mm, z_mm = view.tcp_from_feature.translation_mm.tolist()
-    return Observation(
+    row = Observation(
         feature=view.feature.name,
         view=capture.view,
         exposure_ms=capture.exposure_ms,
-        p_norm=n_points / view.n_pixels if n_points is not None else None,
-        i_avg=brightness.i_avg if brightness else None,
-        x_mm=x_mm,
-        y_mm=y_mm,
-        z_mm=z_mm,
-        w_deg=view.w_deg,
-        p_deg=view.p_deg,
-        r_deg=view.r_deg,
-        radius_mm=view.feature.radius_mm,
-        n_points=n_points,
-        n_pixels=view.n_pixels if measured else None,
-        i_std=brightness.i_std if brightness else None,
-        i_median=brightness.i_median if brightness else None,
-        i_p05=brightness.i_p05 if brightness else None,
-        i_p95=brightness.i_p95 if brightness else None,
-        clipped_share=brightness.clipped_share if brightness else None,
-        incidence_deg=view.incidence_deg,
+        p_norm=None,
+        i_avg=None,
         visibility=view.visibility.value,
         emulated=capture.emulated,
+        **view.pose,
     )
+    if n_points is None:
+        return row
+    brightness = ring_brightness(capture, view.rows, view.columns)
+    p_norm, n_pixels = n_points / view.n_pixels, view.n_pixels
+    return replace(row, p_norm=p_norm, n_points=n_points, n_pixels=n_pixels, **asdict(brightness))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,3 +224,64 @@ def _percentiles(
     above = grey[np.searchsorted(last, np.ceil(position), side="right")]
     values: list[float] = (below + (position - np.floor(position)) * (above - below)).tolist()
     return values
+
+
+_PREVIEW_PX = 320
+"""Width of the image that a notebook shows, at most."""
+
+
+class Campaign(CampaignFolder):
+    """A campaign's folder as scripts and notebooks use it: open, look, observe."""
+
+    def observe(
+        self,
+        *,
+        tolerance: RingTolerance = PAPER_TOLERANCE,
+        progress: Progress = ignore_progress,
+    ) -> ObservationTable:
+        """Observe every feature in every capture (`observe_campaign`)."""
+        return observe_campaign(self, tolerance, progress)
+
+    def view(self, camera_from_part: RigidTransform) -> View:
+        """Return what the sensor sees of the part from a pose, measured or not.
+
+        Parameters
+        ----------
+        camera_from_part : RigidTransform
+            The pose of the part in the frame of the sensor's first camera.
+        """
+        features = view_features(self.part, self.sensor, camera_from_part)
+        return View(camera_from_part=camera_from_part, features=features)
+
+    def _repr_html_(self) -> str:
+        facts = (
+            f"<b>{html.escape(self.name)}</b>: {len(self)} captures of "
+            f"{html.escape(self.part.name)} ({len(self.part.features)} features) by "
+            f"{html.escape(self.sensor.name)}"
+        )
+        first = next(iter(self.captures()), None)
+        if first is None:
+            return f"<p>{facts}</p>"
+        step = max(1, -(-first.image.shape[1] // _PREVIEW_PX))
+        small = np.ascontiguousarray(first.grey_levels()[::step, ::step]).round().astype(np.uint8)
+        data = base64.b64encode(png_bytes(small)).decode()
+        shown = html.escape(str(first))
+        return f'<p>{facts}</p><img alt="{shown}" src="data:image/png;base64,{data}"><p>{shown}</p>'
+
+
+def open_campaign(path: str | Path) -> Campaign:
+    """Open a campaign's folder.
+
+    Parameters
+    ----------
+    path : path
+        The folder, as the simulated cell or a measurement wrote it.
+
+    Raises
+    ------
+    MissingFileError
+        If the folder or one of its files is not there.
+    DamagedFileError, FormatError, VersionError
+        If it is no campaign, is damaged, or was written by a newer version of exposight.
+    """
+    return Campaign(Path(path))

@@ -17,7 +17,7 @@ from exposight.observing.masks import Visibility
 from exposight.quantities import QUANTITIES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -103,16 +103,18 @@ _P_NORM_MAX = 10.0
 """A cloud denser than the image gives more than 1, but ten points a pixel are percent mistaken."""
 
 
-def check_names(
-    names: Iterable[str], *, present: Sequence[str], required: Sequence[str] = ()
-) -> None:
-    """Check that required columns are there, and no unknown one is a known one misspelt."""
-    check_columns_present(present, required)
-    absent = [name for name in SCHEMA if name not in present]
+def check_names(names: Sequence[str], required: Sequence[str] = ()) -> None:
+    """Check that required columns are there, and no unknown one is a known one misspelt.
+
+    Raises
+    ------
+    FormatError
+        Otherwise.
+    """
+    check_columns_present(names, required)
+    absent = [name for name in SCHEMA if name not in names]
     for name in names:
-        if name in SCHEMA:
-            continue
-        meant = _misspelt(name, absent)
+        meant = None if name in SCHEMA else _misspelt(name, absent)
         if meant:
             msg = f"unknown column {name!r}; did you mean {meant!r}?"
             raise FormatError(msg)
@@ -170,12 +172,27 @@ def _plain(name: str) -> str:
     return re.sub(r"[\W_]", "", name.lower())
 
 
-def check_further_columns(frame: pl.DataFrame) -> None:
-    """Check that columns beyond the known ones hold numbers, texts or truth values."""
-    for name, dtype in tuple(frame.schema.items())[len(SCHEMA) :]:
-        if not (dtype.is_numeric() or dtype in (pl.String, pl.Boolean, pl.Null)):
-            msg = f"column {name!r} must hold numbers, texts or truth values, got {dtype}"
-            raise ObservationError(msg)
+def complete(frame: pl.DataFrame) -> pl.DataFrame:
+    """Give a frame all columns of `SCHEMA` with their types, then its further ones.
+
+    Raises
+    ------
+    FormatError
+        If a required column is missing, one has the wrong type, or a name is nearly a known one's.
+    ObservationError
+        If a column of whole numbers has fractions.
+    """
+    check_names(frame.columns, REQUIRED)
+    defaults = {each.name: each.default for each in fields(Observation)}
+    left_out = [name for name in SCHEMA if name not in frame.columns]
+    filled = frame.with_columns(
+        pl.lit(defaults[name], dtype=SCHEMA[name]).alias(name) for name in left_out
+    )
+    for name, dtype in SCHEMA.items():
+        if dtype.is_integer() and filled.schema[name].is_float():  # a cast would cut fractions off
+            _refuse(filled[name], filled[name] != filled[name].floor(), "whole numbers")
+    further = [name for name in frame.columns if name not in SCHEMA]
+    return cast_known(filled, tuple(SCHEMA)).with_columns(filled.select(further))
 
 
 def cast_known(frame: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
@@ -201,26 +218,26 @@ def cast_known(frame: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
         raise FormatError(msg) from error
 
 
-def missing_column(name: str) -> pl.Expr:
-    """Return what stands in a known column that a table leaves out."""
-    if name == "visibility":
-        return pl.lit(Visibility.VISIBLE.value).alias(name)
-    if name == "emulated":
-        return pl.lit(False).alias(name)
-    if name == "incidence_deg":
-        return pl.lit(np.nan).alias(name)
-    return pl.lit(None, dtype=SCHEMA[name]).alias(name)
+def check_frame(frame: pl.DataFrame) -> None:
+    """Check a table's columns, and that values are where they must be and within what they can be.
 
-
-def check_whole_numbers(frame: pl.DataFrame) -> None:
-    """Refuse fractions in columns of whole numbers: casting would cut them off unseen."""
-    for name, dtype in SCHEMA.items():
-        if dtype.is_integer() and frame.schema[name].is_float():
-            _refuse(frame[name], frame[name] != frame[name].floor(), "whole numbers")
-
-
-def check_values(frame: pl.DataFrame) -> None:
-    """Check that values are there where they must be, and within what they can be."""
+    Raises
+    ------
+    ObservationError
+        Otherwise.
+    """
+    schema = tuple(frame.schema.items())
+    if schema[: len(SCHEMA)] != tuple(SCHEMA.items()):
+        msg = (
+            f"an observation table must have the columns {', '.join(SCHEMA)} with their types, "
+            f"got {', '.join(frame.columns)}; ObservationTable.from_frame fills in what "
+            "may be left out"
+        )
+        raise ObservationError(msg)
+    for name, dtype in schema[len(SCHEMA) :]:
+        if not (dtype.is_numeric() or dtype in (pl.String, pl.Boolean, pl.Null)):
+            msg = f"column {name!r} must hold numbers, texts or truth values, got {dtype}"
+            raise ObservationError(msg)
     for name in (*REQUIRED, "visibility", "emulated"):
         if name not in _MAY_BE_EMPTY:
             _refuse(frame[name], frame[name].is_null(), "a value in every row")

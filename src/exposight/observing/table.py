@@ -19,21 +19,20 @@ import polars as pl
 from exposight.errors import (
     FormatError,
     InputError,
+    MissingFileError,
     ObservationError,
     did_you_mean,
 )
 from exposight.files import write_durably
 from exposight.observing.masks import Visibility
 from exposight.observing.schema import (
-    REQUIRED,
     SCHEMA,
     Observation,
     cast_known,
-    check_further_columns,
+    check_columns_present,
+    check_frame,
     check_names,
-    check_values,
-    check_whole_numbers,
-    missing_column,
+    complete,
 )
 from exposight.statistics import random_split, split_by_group
 from exposight.tables import Column, Table, counted, number
@@ -46,6 +45,8 @@ if TYPE_CHECKING:
 
 _NEAR_MM = 5.0
 """A cell's positions reach farther from the TCP than this."""
+
+_WRONG_SUFFIX = "{}: an observation table ends in .csv or .parquet, got '{}'"
 
 _SHOWN = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
 """Columns whose ranges a notebook shows."""
@@ -73,18 +74,8 @@ class ObservationTable:
     checked: InitVar[bool] = False
 
     def __post_init__(self, checked: bool) -> None:
-        if checked:
-            return
-        schema = self.frame.schema
-        if tuple(schema.items())[: len(SCHEMA)] != tuple(SCHEMA.items()):
-            msg = (
-                f"an observation table must have the columns {', '.join(SCHEMA)} with their types, "
-                f"got {', '.join(self.frame.columns)}; ObservationTable.from_frame fills in what "
-                "may be left out"
-            )
-            raise ObservationError(msg)
-        check_further_columns(self.frame)
-        check_values(self.frame)
+        if not checked:
+            check_frame(self.frame)
 
     @classmethod
     def from_observations(cls, observations: Sequence[Observation]) -> ObservationTable:
@@ -94,7 +85,7 @@ class ObservationTable:
         names = dict.fromkeys(name for row in observations for name in row.extra)
         extra = {name: [row.extra.get(name) for row in observations] for name in names}
         if extra:
-            check_names(extra, present=tuple(SCHEMA))
+            check_names((*SCHEMA, *extra))
             frame = frame.with_columns(pl.Series(name, extra[name]) for name in extra)
         return cls(frame=frame)
 
@@ -113,13 +104,7 @@ class ObservationTable:
         ObservationError
             If a value is out of its range.
         """
-        check_names(frame.columns, present=frame.columns, required=REQUIRED)
-        filled = frame.with_columns(
-            missing_column(name) for name in SCHEMA if name not in frame.columns
-        )
-        check_whole_numbers(filled)
-        further = [name for name in frame.columns if name not in SCHEMA]
-        return cls(frame=cast_known(filled, tuple(SCHEMA)).with_columns(filled.select(further)))
+        return cls(frame=complete(frame))
 
     @classmethod
     def concat(cls, tables: Sequence[ObservationTable]) -> ObservationTable:
@@ -151,19 +136,16 @@ class ObservationTable:
 
     def measured(self) -> ObservationTable:
         """Return the rows whose feature was visible and measured."""
-        visible = pl.col("visibility") == Visibility.VISIBLE.value
-        return self._filtered(visible & pl.col("p_norm").is_not_null())
+        visible = self.frame["visibility"] == Visibility.VISIBLE.value
+        return self.where(visible & self.frame["p_norm"].is_not_null())
 
     def with_quality(self, p_norm_min: float) -> ObservationTable:
         """Return the rows with p_norm ≥ `p_norm_min` (Sect. 3.4.1 keeps those ≥ 0.75)."""
-        return self._filtered(pl.col("p_norm") >= p_norm_min)
+        return self.where(self.frame["p_norm"] >= p_norm_min)
 
-    def where(self, mask: NDArray[np.bool_]) -> ObservationTable:
+    def where(self, mask: NDArray[np.bool_] | pl.Series) -> ObservationTable:
         """Return the rows where `mask`, (n,) bool, is true."""
-        return self._filtered(pl.Series(mask))
-
-    def _filtered(self, condition: pl.Expr | pl.Series) -> ObservationTable:
-        return ObservationTable(frame=self.frame.filter(condition), checked=True)
+        return ObservationTable(frame=self.frame.filter(pl.Series(mask)), checked=True)
 
     def split(
         self, *, by: str = "feature", share: float = 0.8, seed: int = 1
@@ -298,7 +280,7 @@ class ObservationTable:
             case ".parquet":
                 self.frame.write_parquet(buffer)
             case suffix:
-                raise FormatError(wrong_suffix(path, suffix))
+                raise FormatError(_WRONG_SUFFIX.format(path, suffix))
         write_durably(path, buffer.getvalue())
 
     def _repr_html_(self) -> str:
@@ -322,6 +304,113 @@ class ObservationTable:
         return f"<p>{html.escape(title)}</p>{body}"
 
 
-def wrong_suffix(path: Path, suffix: str) -> str:
-    """Return what is said of a file name that ends otherwise than a table's."""
-    return f"{path}: an observation table ends in .csv or .parquet, got '{suffix}'"
+def read_observations(path: str | Path) -> ObservationTable:
+    """Read and check an observation table.
+
+    Columns up to ``radius_mm`` must be there; the other known ones may be missing, and further
+    ones are kept (`ObservationTable.from_frame`).
+
+    Parameters
+    ----------
+    path : path
+        CSV or Parquet.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it cannot be parsed, has another header or unit, or a column has the wrong type.
+    ObservationError
+        If a value is out of its range.
+    """
+    path = Path(path)
+    _check_file(path, "observation table")
+    try:
+        return ObservationTable.from_frame(_read_frame(path))
+    except (FormatError, ObservationError) as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
+
+
+def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
+    """Read a table of what a model is asked about, which need hold nothing else.
+
+    Parameters
+    ----------
+    path : path
+        CSV or Parquet: an observation table, or any table with these columns.
+    columns : sequence of str
+        The model's inputs, with their units in their names.
+
+    Returns
+    -------
+    polars.DataFrame
+        The columns, and of ``feature``, ``view``, ``exposure_ms`` and ``p_norm`` what there is;
+        what there is not is null.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it cannot be parsed, lacks a column or has it in another unit, or it is not a number.
+    """
+    path = Path(path)
+    _check_file(path, "table")
+    frame = _read_frame(path)
+    wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm")))
+    present = [name for name in wanted if name in frame.columns]
+    try:
+        check_columns_present(frame.columns, columns)
+        known = cast_known(frame, [name for name in present if name in SCHEMA])
+    except FormatError as error:
+        msg = f"{path}: {error}"
+        raise FormatError(msg) from error
+    further = frame.select(name for name in present if name not in SCHEMA)
+    missing = (pl.lit(None, SCHEMA[name]).alias(name) for name in wanted if name not in present)
+    return known.with_columns(further).with_columns(missing).select(*wanted)
+
+
+def _check_file(path: Path, what: str) -> None:
+    """Check that there is a file, and say what a folder of that name may be."""
+    if path.is_file():
+        return
+    if (path / "campaign.json").is_file():
+        msg = f"{path}: a campaign's folder, no {what}; `exposight observe` makes a table of it"
+        raise FormatError(msg)
+    if path.is_dir():
+        msg = f"{path}: a folder; expected the file of the {what}, .csv or .parquet"
+        raise FormatError(msg)
+    msg = f"{path}: no such {what}"
+    raise MissingFileError(msg)
+
+
+def _read_frame(path: Path) -> pl.DataFrame:
+    try:
+        match path.suffix.lower():
+            case ".csv":
+                _check_separator(path)
+                text = {name: dtype for name, dtype in SCHEMA.items() if dtype == pl.String}
+                # Without the types a feature called 007 would become 7.
+                return pl.read_csv(path, infer_schema_length=None, schema_overrides=text)
+            case ".parquet":
+                return pl.read_parquet(path)
+            case suffix:
+                raise FormatError(_WRONG_SUFFIX.format(path, suffix))
+    except (pl.exceptions.PolarsError, OSError) as error:
+        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
+        raise FormatError(msg) from error
+
+
+def _check_separator(path: Path) -> None:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        header = file.readline()
+    separator = next((mark for mark in (";", "\t") if mark in header), None)
+    if separator is not None and "," not in header:
+        name = "tabs" if separator == "\t" else f"'{separator}'"
+        msg = (
+            f"{path}: its columns are separated by {name}, commas are expected (and a point as "
+            "decimal separator); export the table so again"
+        )
+        raise FormatError(msg)

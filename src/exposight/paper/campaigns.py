@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
 from exposight.errors import FeatureError, MissingFileError, ObservationError, SensorError
 from exposight.files import KeptFiles, sha256_of
@@ -22,7 +23,6 @@ from exposight.observing import ObservationTable, observe_campaign, read_observa
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
 from exposight.plans import plan_preset, plan_to_toml
 from exposight.twin import SimulatedCell, scene_at, scene_checksum
-from exposight.version import __version__
 
 if TYPE_CHECKING:
     from exposight.paper.study_settings import SensorKind, StudySettings

@@ -13,6 +13,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exposight import __version__
 from exposight.errors import FileError
 from exposight.files import sha256_of
 from exposight.models import (
@@ -23,7 +24,6 @@ from exposight.models import (
     run_trainings,
     save_model,
 )
-from exposight.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from exposight import __version__
 from exposight.files import make_folder
 from exposight.models import Training
 from exposight.observing import ObservationTable
@@ -31,7 +32,6 @@ from exposight.paper.study_settings import SensorKind, StudySettings
 from exposight.paper.study_tables import study_tables
 from exposight.paper.variants import LEARNING_CURVES, VARIANTS, Variant
 from exposight.statistics import maximal_information_matrix
-from exposight.version import __version__
 from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from exposight.observing import FeatureView, ObservationTable, View
 
 DEFAULT_MODELS = ("q_k1", "e_k6")
-"""Of the paper's models, those that err least on features and views that they never saw: with more
+"""What `train` and ``exposight train`` train, and reports forecast with where they are at hand.
+
+Of the paper's models, those that err least on features and views that they never saw: with more
 inputs than brightness the quality models learn what the stripes' phase did to i_avg at each place
 (``docs/the-paper.md``)."""
 
@@ -71,12 +73,7 @@ class ModelScores:
                 "model": evaluation.model.name,
                 "target": evaluation.model.target,
                 "rows": selection,
-                "n": score.n,
-                "r2_percent": score.r2_percent,
-                "rmse": score.rmse,
-                "mae": score.mae,
-                "coverage_1sigma": score.coverage_1sigma,
-                "coverage_2sigma": score.coverage_2sigma,
+                **asdict(score),
             }
             for evaluation in self.evaluations
             for selection, score in (
@@ -175,6 +172,21 @@ class SensorModels:
         times_ms = np.clip(np.geomspace(low, high, _EXPOSURES), low, high).tolist()
         return tuple(dict.fromkeys(map(self.sensor.nearest_exposure, times_ms)))
 
+    def with_observations(self, table: ObservationTable) -> SensorModels:
+        """Learn from more observations, as after a capture, without a new fit.
+
+        The hyperparameters stay; where the new observations lie far from the old ones, train anew.
+
+        Raises
+        ------
+        InputError
+            If a model is of a kind that cannot, such as a committee.
+        NotPositiveDefiniteError
+            If the observations leave a covariance matrix without a Cholesky factor.
+        """
+        quality, exposure = (m.with_observations(table) for m in (self.quality, self.exposure))
+        return SensorModels(quality=quality, exposure=exposure)
+
     def save(self, folder: str | Path) -> tuple[Path, Path]:
         """Write both models into a folder, which is made if it is not there.
 
@@ -248,7 +260,7 @@ class SensorModels:
         return self.table._repr_html_()
 
 
-def train_sensor_models(
+def train(
     table: ObservationTable,
     *,
     models: Sequence[str | ModelSpecification] = DEFAULT_MODELS,
@@ -275,39 +287,29 @@ def train_sensor_models(
     restarts : int
         Starts of the optimiser.
     workers, cluster, progress
-        As for `exposight.models.run_trainings`. More than one worker needs
-        ``if __name__ == "__main__":`` around what a script does.
-
-    Returns
-    -------
-    SensorModels
+        As for `exposight.models.run_trainings`, and so are further errors. More than one worker
+        needs ``if __name__ == "__main__":`` around what a script does.
 
     Raises
     ------
     InputError
         If a model is unknown, or there is not one for each of quality and exposure time.
-    ObservationError, NumericalError
-        As for `exposight.models.train`.
     """
     specifications = [model_named(each) if isinstance(each, str) else each for each in models]
-    targets = sorted(each.target for each in specifications)
-    if targets != ["exposure_ms", "p_norm"]:
+    if sorted(each.target for each in specifications) != ["exposure_ms", "p_norm"]:
         msg = (
             "expected one model that predicts p_norm and one that predicts exposure_ms, got "
             f"{', '.join(f'{each.name} ({each.target})' for each in specifications) or 'none'}"
         )
         raise InputError(msg)
-    trained = {
-        model.target: model
-        for model in train_all(
-            specifications,
-            table,
-            seed=seed,
-            sensor=sensor,
-            restarts=restarts,
-            workers=workers,
-            cluster=cluster,
-            progress=progress,
-        )
-    }
-    return SensorModels(quality=trained["p_norm"], exposure=trained["exposure_ms"])
+    exposure, quality = train_all(
+        sorted(specifications, key=lambda each: each.target),
+        table,
+        seed=seed,
+        sensor=sensor,
+        restarts=restarts,
+        workers=workers,
+        cluster=cluster,
+        progress=progress,
+    )
+    return SensorModels(quality=quality, exposure=exposure)

@@ -12,7 +12,7 @@ import polars as pl
 from exposight.geometry import RigidTransform
 from exposight.models import P_NORM_MIN
 from exposight.observing import Visibility, view_features
-from exposight.planning import SensorModels
+from exposight.planning import DEFAULT_MODELS, SensorModels
 from exposight.statistics import score
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 _BRACKET = 4.0
 """How much shorter and longer than the shown one the other two exposure times are."""
 _POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
-_FORECASTING = ("q_k4", "e_k6")
-"""The paper's best models (Tables 2 and 3); they forecast where they are at hand."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,11 +189,11 @@ def _with_captures(view: ShownView, campaign: CaptureSource) -> ShownView:
 def forecasting_models(models: Sequence[Predictor]) -> SensorModels | None:
     """Pick a quality and an exposure-time model that can forecast a view from its pose.
 
-    The paper's best of each kind are preferred, then those with most inputs; None if there are not
-    both.
+    The default ones are preferred (`DEFAULT_MODELS`), then those with most inputs; None if there
+    are not both.
     """
     chosen = []
-    for target, preferred in zip(("p_norm", "exposure_ms"), _FORECASTING, strict=True):
+    for target, preferred in zip(("p_norm", "exposure_ms"), DEFAULT_MODELS, strict=True):
         able = [
             model
             for model in models

@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 
 import numba
 
+from exposight import __version__
 from exposight.errors import InputError, NumericalError
-from exposight.version import __version__
 from exposight.workers.local_processes import LocalProcesses, Workers
 
 if TYPE_CHECKING:
