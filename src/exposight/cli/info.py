@@ -236,11 +236,10 @@ def _image(path: Path) -> Iterator[Fact]:
 )
 def _frames(path: Path) -> Iterator[Fact]:
     frames = sorted(filter(_named(*_IMAGES), path.iterdir()))
-    fitting = [
-        name
-        for name, sequence in SEQUENCE_PRESETS.items()
-        if sum(frame.match(sequence.file_pattern) for frame in frames) == sequence.n_frames
-    ]
+    fitting = []
+    for name, sequence in SEQUENCE_PRESETS.items():
+        if sum(frame.match(sequence.file_pattern) for frame in frames) == sequence.n_frames:
+            fitting.append(name)
     yield _names("frames", [frame.name for frame in frames])
     yield fact("fitting_sequences", fitting, ", ".join(fitting) or "none of the presets")
     yield from _image(frames[0])
@@ -266,6 +265,5 @@ def _calibration(path: Path) -> Iterator[Fact]:
 def _sequence(path: Path) -> Iterator[Fact]:
     sequence = read_sequence(path)
     yield from _facts(name=sequence.name, frames=sequence.n_frames, bits=sequence.bit_depth)
-    yield fact("file_pattern", sequence.file_pattern)
     for axis, coding, _ in sequence.axes():
         yield fact(axis, asdict(coding), type(coding).__name__)

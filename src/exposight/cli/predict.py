@@ -227,9 +227,5 @@ def _prediction_table(model: Predictor, frame: pl.DataFrame, *, written: bool) -
         *(Column(name=name, label="setting\nms") for name in setting),
         Column(name="outside", wraps=True),
     )
-    return Table(
-        name="predictions",
-        frame=frame,
-        columns=columns,
-        shown_rows=0 if written else _SHOWN_ROWS,
-    )
+    limit = 0 if written else _SHOWN_ROWS
+    return Table(name="predictions", frame=frame, columns=columns, shown_rows=limit)
