@@ -73,8 +73,8 @@ def compare_along_rays(
             f"image, got shape {cloud.points.shape}"
         )
         raise CloudError(msg)
-    reference = np.asarray(reference_points, dtype=np.float64).reshape(-1, 3)
-    reference = reference[np.isfinite(reference).all(axis=1)]
+    given = np.asarray(reference_points, dtype=np.float64).reshape(-1, 3)
+    reference: NDArray[np.float64] = given[np.isfinite(given).all(axis=1)]
     pixels = camera.project(reference)
     inside = (pixels >= 0).all(axis=1) & (pixels <= [camera.width - 1, camera.height - 1]).all(1)
     reference, pixels = reference[inside], pixels[inside]

@@ -130,9 +130,9 @@ def _decode_axis(
     """
     fringes, gray_code = coding.fringes, coding.gray_code
     if gray_code is None:  # nothing is known before the first fringe
-        coarse = np.empty((0, 0))
-        modulation = np.full(stack.image_shape, np.inf, dtype=np.float32)
-        flags = np.zeros(stack.image_shape, dtype=np.uint8)
+        coarse: NDArray[np.float64] = np.empty((0, 0))
+        modulation: NDArray[np.float32] = np.full(stack.image_shape, np.inf, dtype=np.float32)
+        flags: NDArray[np.uint8] = np.zeros(stack.image_shape, dtype=np.uint8)
     else:
         by_code = coarse, modulation, flags = decode_gray_code(
             stack, sequence, gray_code, size, limits

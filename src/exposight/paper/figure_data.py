@@ -85,7 +85,7 @@ class KernelExamples:
 
 def kernel_examples() -> KernelExamples:
     """Return the paper's two examples: squared exponential, rational quadratic."""
-    x = np.linspace(_LOW, _HIGH, _OBSERVATIONS)
+    x = np.linspace(_LOW, _HIGH, _OBSERVATIONS, dtype=np.float64)
     noise = np.random.default_rng(_SEED).normal(0.0, _NOISE, x.shape)
     y = example_function(x) + noise
     squared = SquaredExponential(variance=1.0, length_scales=(_LENGTH_SCALE,), dims=(0,))
@@ -117,7 +117,7 @@ def _example(
         first_start="given",
         restarts=1,
     )
-    drawn = np.linspace(*_DRAWN, _SAMPLES)
+    drawn = np.linspace(*_DRAWN, _SAMPLES, dtype=np.float64)
     prediction = fitted.process.predict(drawn[:, None], include_noise=False)
     return KernelExample(
         kernel=name,

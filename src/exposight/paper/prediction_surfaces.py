@@ -94,7 +94,7 @@ def prediction_surfaces(
         )
         raise InputError(msg)
     ranges = model.training_range
-    x, y = (np.linspace(*ranges[name], _GRID) for name in ("x_mm", "y_mm"))
+    x, y = (np.linspace(*ranges[name], _GRID, dtype=np.float64) for name in ("x_mm", "y_mm"))
     z, grey = np.array(DEPTHS_MM), np.array(GREY_LEVELS)
     i_grid, z_grid, y_grid, x_grid = np.meshgrid(grey, z, y, x, indexing="ij")
     grids = {"i_avg": i_grid, "z_mm": z_grid, "y_mm": y_grid, "x_mm": x_grid}

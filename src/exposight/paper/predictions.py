@@ -143,7 +143,7 @@ def _predicted(model: GaussianProcessModel, curve: ObservedCurve) -> PredictedCu
     low, high = (0.0, 255.0)
     if model.target == "exposure_ms":
         low, high = model.training_range["i_avg"]
-    grey = np.linspace(low, high, _SAMPLES)
+    grey = np.linspace(low, high, _SAMPLES, dtype=np.float64)
     drawn = model.predict(**_inputs(model, curve, grey))
     inputs = _inputs(model, curve, curve.i_avg)
     judged = model.predict(**inputs)

@@ -179,8 +179,8 @@ def forecast(
     repeated = poses[np.repeat(np.arange(len(features)), brightness[0].size)]
     predicted = quality.predict(
         repeated.with_columns(
-            i_avg=brightness.ravel(),
-            exposure_ms=np.broadcast_to(times_ms[:, None], brightness.shape).ravel(),
+            pl.Series("i_avg", brightness.ravel()),
+            pl.Series("exposure_ms", np.broadcast_to(times_ms[:, None], brightness.shape).ravel()),
         )
     )
     mean, std = (values.reshape(brightness.shape) for values in (predicted.mean, predicted.std))

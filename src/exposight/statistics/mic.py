@@ -256,7 +256,7 @@ def _superclumps(order: IntArray, starts: IntArray, row: IntArray, most: int) ->
     A best grid never cuts a clump, a run of points of the same row; values that several points
     share cannot be cut either. Where there are more clumps than allowed, neighbours are joined.
     """
-    clumps = np.empty(len(starts), dtype=np.int64)
+    clumps: IntArray = np.empty(len(starts), dtype=np.int64)
     found = 0
     before = -1
     for group in range(len(starts) - 1):

@@ -144,7 +144,7 @@ class DotSensor:
             If one of the cameras sees nothing of the scene.
         """
         radiance = []
-        depth = np.empty(0, dtype=np.float32)
+        depth: NDArray[np.float32] = np.empty(0, dtype=np.float32)
         for i in range(2):
             view = trace_view(
                 tracer, self.sensor, camera_from_part, model=self.light, camera_index=i
