@@ -335,7 +335,7 @@ class Product(_Composite):
         if len(self._free_factors) == 1:
             return self._free_factors[0].weigh(x, y, weights)
         values = [tile(factor, x, y) for factor in self._free_factors]
-        parts: list[Array] = [np.empty(0)]
+        parts: list[FloatArray] = [np.empty(0)]
         for index, factor in enumerate(self._free_factors):
             others = weights.copy()
             for other, value in enumerate(values):
