@@ -11,7 +11,6 @@ from exposight.report.palette import (
     CLIPPED,
     P_NORM_SCALE,
     feature_style,
-    plotly_scale,
     rgb,
     scale_rgb,
 )
@@ -84,8 +83,6 @@ def test_a_scales_ends_and_middle_are_its_colours():
     colours = scale_rgb(P_NORM_SCALE, [-1.0, 0.0, 0.5, 1.0, 2.0])
     low, high = [68, 1, 84], [253, 231, 37]
     assert colours.tolist() == [low, low, [33, 145, 140], high, high]
-    scale = plotly_scale(P_NORM_SCALE)
-    assert [scale[0], scale[-1]] == [[0.0, P_NORM_SCALE[0]], [1.0, P_NORM_SCALE[-1]]]
 
 
 def test_every_feature_of_the_paper_has_its_own_colour_and_unseen_ones_open_marks():

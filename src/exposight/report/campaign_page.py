@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from exposight.cell import CampaignFolder
 from exposight.errors import InputError
-from exposight.files import make_folder
+from exposight.files import make_folder, write_durably
 from exposight.models import P_NORM_MIN, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.report.campaign_summary import (
@@ -33,11 +33,7 @@ from exposight.report.pictures import (
     picture,
     ringed_picture,
 )
-from exposight.report.rendering import (
-    render_page,
-    rounded,
-    write_page,
-)
+from exposight.report.rendering import render_page, rounded
 from exposight.report.shown_view import ShownView, forecasting_models, show_view, with_forecast
 from exposight.workers import Progress, ignore_progress
 
@@ -137,7 +133,7 @@ class CampaignReport:
             If it cannot be written.
         """
         path = make_folder(Path(folder)) / "report.html"
-        write_page(path, self.html())
+        write_durably(path, self.html().encode())
         return path
 
 

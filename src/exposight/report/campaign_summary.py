@@ -118,10 +118,10 @@ def summarise(table: ObservationTable) -> CampaignSummary:
         pl.col("view").n_unique().alias("views"),
         pl.len().alias("observations"),
         pl.col("p_norm").max(),
-        pl.col("exposure_ms", "view").get(pl.col("p_norm").arg_max()).name.suffix("_of_best"),
-    )
-    best_rows = best_rows.sort(pl.col("feature").map_elements(_natural, return_dtype=pl.String))
-    names = best_rows["feature"].to_list()
+        pl.col("exposure_ms", "view").get(pl.col("p_norm").arg_max()),
+    ).rename({"feature": "name"})
+    best_rows = best_rows.sort(pl.col("name").map_elements(_natural, return_dtype=pl.String))
+    names = best_rows["name"].to_list()
     exposures_ms = frame["exposure_ms"].unique().sort().to_numpy()
     p_norm = np.full((len(names), len(exposures_ms)), np.nan)
     highest = frame.group_by("feature", "exposure_ms").agg(pl.col("p_norm").max())
@@ -129,23 +129,13 @@ def summarise(table: ObservationTable) -> CampaignSummary:
         p_norm[names.index(name), np.searchsorted(exposures_ms, exposure_ms)] = value
     good = (p_norm >= P_NORM_MIN).sum(axis=0)
     best = max(range(len(exposures_ms)), key=lambda i: (good[i], np.nanmean(p_norm[:, i])))
-    measured = set(names)
     return CampaignSummary(
         features=tuple(
-            FeatureSummary(
-                name=row["feature"],
-                radius_mm=row["radius_mm"],
-                views=row["views"],
-                observations=row["observations"],
-                p_norm=row["p_norm"],
-                exposure_ms=row["exposure_ms_of_best"],
-                view=row["view_of_best"],
-                p_norm_at_best=None if np.isnan(at_best) else float(at_best),
-            )
+            FeatureSummary(**row, p_norm_at_best=None if np.isnan(at_best) else float(at_best))
             for row, at_best in zip(best_rows.iter_rows(named=True), p_norm[:, best], strict=True)
         ),
         never_visible=tuple(
-            name for name in dict.fromkeys(table.names("feature")) if name not in measured
+            name for name in dict.fromkeys(table.names("feature")) if name not in names
         ),
         exposures_ms=exposures_ms,
         p_norm=p_norm,
@@ -201,15 +191,14 @@ def evaluate_models(
         Features that the models have not seen: they are evaluated on these, and apart on all
         others, which trained them. Without any they are evaluated on the whole table.
     """
-    if not unseen:
-        return tuple(
-            ModelResult(model=model, evaluation=evaluate(model, table)) for model in models
-        )
     apart = np.isin(table.names("feature"), list(unseen))
-    held_out, known = table.where(apart), table.where(~apart)
+    held_out = table.where(apart) if unseen else table
+    known = table.where(~apart) if unseen else None
     return tuple(
         ModelResult(
-            model=model, evaluation=evaluate(model, held_out), training=evaluate(model, known)
+            model=model,
+            evaluation=evaluate(model, held_out),
+            training=None if known is None else evaluate(model, known),
         )
         for model in models
     )

@@ -24,25 +24,25 @@ from exposight.plans import PLANS, DepthPlane, MeasuringPlan
 from exposight.report.campaign_page import CampaignReport, sensor_facts
 from exposight.report.campaign_summary import evaluate_models, summarise
 from exposight.report.part_plot import PartMesh
-from exposight.report.shown_view import show_view, with_forecast
+from exposight.report.shown_view import (
+    BRACKET,
+    EXPOSURE_MODEL,
+    QUALITY_MODEL,
+    ShownView,
+    show_view,
+    with_forecast,
+)
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers
 
 if TYPE_CHECKING:
-    from exposight.cell import ActiveSensor, CampaignFolder
+    from exposight.cell import CampaignFolder
     from exposight.models import Predictor
     from exposight.observing import ObservationTable
-    from exposight.report.shown_view import ShownView, show_view, with_forecast
-
-QUALITY_MODEL, EXPOSURE_MODEL = "q_k4", "e_k6"
-"""The paper's best models of each kind (Tables 2 and 3); they forecast the new view."""
 
 _MODELS = tuple(map(model_named, ("q_k1", QUALITY_MODEL, "e_k1", "e_k4", EXPOSURE_MODEL)))
 _UNSEEN_SUFFIX = "_test"  # as the door's test features are called
-_BRACKET = 4.0
-"""How much shorter and longer than the chosen one the other two exposure times are."""
-
 _NEW_POSITION = DepthPlane(
     name="new",
     # Between the campaign's depth planes, and off the grid of each in x and y.
@@ -235,20 +235,17 @@ def _new_view(
     )
     choice = forecasting.forecast(visible)
     chosen_ms = choice.best_exposure_ms()
-    exposures_ms = _bracket(chosen_ms, sensor)
+    exposures_ms = (
+        sensor.nearest_exposure(max(chosen_ms / BRACKET, sensor.exposure.min_ms)),
+        chosen_ms,
+        sensor.nearest_exposure(min(chosen_ms * BRACKET, sensor.exposure.max_ms)),
+    )
     forecast = forecasting.forecast(visible, exposures_ms)
     progress("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
     taken = _simulate(plan, folder, "taking the new view", progress)
     view = show_view(observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken)
     return with_forecast(view, forecasting, (choice, forecast))
-
-
-def _bracket(chosen_ms: float, sensor: ActiveSensor) -> tuple[float, float, float]:
-    """Return an exposure time well below the chosen one, itself, and one well above it."""
-    shorter_ms = max(chosen_ms / _BRACKET, sensor.exposure.min_ms)
-    longer_ms = min(chosen_ms * _BRACKET, sensor.exposure.max_ms)
-    return sensor.nearest_exposure(shorter_ms), chosen_ms, sensor.nearest_exposure(longer_ms)
 
 
 def _report(

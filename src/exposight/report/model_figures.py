@@ -21,8 +21,9 @@ from exposight.report.palette import (
     rgb,
 )
 from exposight.report.part_plot import feature_title
-from exposight.report.plots import Choice, Plot, axis, layout
-from exposight.report.stills import draw_still, label_panel, plain_axes
+from exposight.report.plots import Plot, axis, layout
+from exposight.report.shown_view import EXPOSURE_MODEL, QUALITY_MODEL, ShownView
+from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,11 +34,8 @@ if TYPE_CHECKING:
     from exposight.observing import ObservationTable
     from exposight.planning import Forecast
     from exposight.report.campaign_summary import CampaignSummary, ModelResult
-    from exposight.report.shown_view import ShownView
-    from exposight.report.stills import Still
 
 _BRIGHTNESS_MODEL = "q_k1"
-_PREFERRED = {"p_norm": "q_k4", "exposure_ms": "e_k6"}
 _GREY_LEVELS = np.linspace(0.0, 255.0, 511)
 _NOT_MEASURED = "#f0f2f4"
 _NAMED = 45
@@ -253,8 +251,7 @@ def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
     if not results:
         return None
     names = [result.name for result in results]
-    preferred = _PREFERRED.get(target, names[-1])
-    chosen = preferred if preferred in names else names[-1]
+    chosen = next((name for name in (QUALITY_MODEL, EXPOSURE_MODEL) if name in names), names[-1])
     shown = quantity(target)
     drawing = go.Figure()
     observed = np.concatenate([result.evaluation.observed for result in results])
@@ -279,10 +276,7 @@ def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
         f"predicted-{target}",
         drawing,
         menu=f"model of the {shown.name}",
-        choices=tuple(
-            Choice(key=result.name, title=f"{result.name} – {result.model.title}")
-            for result in results
-        ),
+        choices={result.name: f"{result.name} – {result.model.title}" for result in results},
         chosen=chosen,
     )
 

@@ -68,12 +68,6 @@ def scale_rgb(scale: tuple[str, ...], values: ArrayLike) -> NDArray[np.float64]:
     return np.stack([np.interp(numbers, stops, channels[:, i]) for i in range(3)], axis=-1)
 
 
-def plotly_scale(scale: tuple[str, ...]) -> list[list[float | str]]:
-    """Return a scale as plotly wants it: pairs of place and colour."""
-    last = len(scale) - 1
-    return [[index / last, colour] for index, colour in enumerate(scale)]
-
-
 _TRAINING = (
     "#0072b2", "#d55e00", "#009e73", "#aa3377", "#8c6d00", "#332288", "#117a8b", "#882255",
     "#555555",
@@ -81,8 +75,6 @@ _TRAINING = (
 _UNSEEN = ("#e08a00", "#3f9fdc", "#c2589a", "#6a9a00")
 _OUTSIDE = ("#a0522d", "#2f5f9f", "#2aa5b8", "#dc4458", "#a08a00")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p", "*")
-_LINES = ("-", "--", "-.", ":")
-_PALEST = 0.45
 _NAME = re.compile(r"f(\d+)(_test|_out)?")
 _COLOURS = {"": _TRAINING, "_test": _UNSEEN, "_out": _OUTSIDE}
 
@@ -104,33 +96,6 @@ class FeatureStyle:
     colour: str
     mark: str
     filled: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaceStyle:
-    """How one of several places of the same feature is drawn, in the feature's colour.
-
-    Parameters
-    ----------
-    line : str
-        Matplotlib's name of its line.
-    opacity : float
-        1 for the first place, less for each that follows.
-    """
-
-    line: str
-    opacity: float
-
-
-def place_styles(count: int) -> list[PlaceStyle]:
-    """Return the styles of so many places, in their order."""
-    return [
-        PlaceStyle(
-            line=_LINES[index % len(_LINES)],
-            opacity=1.0 - (1.0 - _PALEST) * index / max(1, count - 1),
-        )
-        for index in range(count)
-    ]
 
 
 def feature_style(name: str) -> FeatureStyle:

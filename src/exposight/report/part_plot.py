@@ -16,9 +16,9 @@ import trimesh
 from markupsafe import escape
 
 from exposight.errors import FormatError, MissingFileError
-from exposight.report.palette import ACCENT, INK, P_NORM_SCALE, plotly_scale
+from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
 from exposight.report.pictures import brighten
-from exposight.report.plots import Choice, Plot, coordinates, layout, scene
+from exposight.report.plots import Plot, coordinates, layout, scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -134,7 +134,7 @@ def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) ->
                 **coordinates(points),
                 **_triangles(faces),
                 intensity=np.repeat(np.nan_to_num(p_norm[:, index]), 2 * _CORNERS).astype("f4"),
-                colorscale=plotly_scale(P_NORM_SCALE),
+                colorscale=P_NORM_SCALE,
                 cmin=0,
                 cmax=1,
                 showscale=False,
@@ -147,18 +147,18 @@ def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) ->
     drawing.update_layout(
         layout(
             margin={"l": 0, "r": 0, "t": 0, "b": 0},
-            scene=scene(shown, _camera(shown), depth_ticks=2),
+            scene=scene(shown, _camera(shown)),
         )
     )
     return Plot.of(
         "part",
         drawing,
         menu="colour of the rings",
-        choices=tuple(
-            Choice(key=f"{kind}-{index}", title=f"{kind} at {view.exposures_ms[index]:.4g} ms")
+        choices={
+            f"{kind}-{index}": f"{kind} at {exposure_ms:.4g} ms"
             for kind in kinds
-            for index in range(len(view.exposures_ms))
-        ),
+            for index, exposure_ms in enumerate(view.exposures_ms)
+        },
         chosen=first,
     )
 

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from markupsafe import Markup
+from jinja2.utils import htmlsafe_json_dumps
 
 from exposight.report.palette import GRID, INK, MUTED
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
+    from markupsafe import Markup
     from numpy.typing import NDArray
 
 _FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
-    """One entry of a menu: traces whose ``meta`` is its key are shown when it is chosen."""
-
-    key: str
-    title: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +30,9 @@ class Plot:
         Plotly's data and layout, in which no tag can hide.
     menu : str
         Label of the menu that chooses which traces are shown.
-    choices : tuple of Choice
-        The menu's entries; none for a figure without a menu.
+    choices : dict of str to str
+        The menu's entries, empty for a figure without a menu: traces whose ``meta`` is the key are
+        shown when the title is chosen.
     chosen : str
         Key of the entry that is shown at first.
     """
@@ -46,21 +40,13 @@ class Plot:
     name: str
     json: Markup
     menu: str = ""
-    choices: tuple[Choice, ...] = ()
+    choices: dict[str, str] = field(default_factory=dict)
     chosen: str = ""
 
     @classmethod
     def of(cls, name: str, drawing: go.Figure, **menu: Any) -> Plot:
         """Make a plot of a plotly figure; `menu` holds menu, choices and chosen."""
-        return cls(name=name, json=json_block(json.loads(drawing.to_json())), **menu)
-
-
-def json_block(data: Any) -> Markup:
-    """Return data as JSON that may stand inside a script element: no tag can hide in it."""
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return Markup(text)
+        return cls(name=name, json=htmlsafe_json_dumps(json.loads(drawing.to_json())), **menu)
 
 
 def axis(title: str, **settings: Any) -> dict[str, Any]:
@@ -96,7 +82,7 @@ def coordinates(points: NDArray[Any]) -> dict[str, NDArray[Any]]:
     return {"x": points[:, 0], "y": points[:, 2], "z": points[:, 1]}
 
 
-def scene(points: NDArray[Any], camera: dict[str, Any], *, depth_ticks: int = 3) -> dict[str, Any]:
+def scene(points: NDArray[Any], camera: dict[str, Any]) -> dict[str, Any]:
     """Return a scene that holds (n, 3) points in mm, to scale, its axes with units.
 
     Parameters
@@ -105,8 +91,6 @@ def scene(points: NDArray[Any], camera: dict[str, Any], *, depth_ticks: int = 3)
         x right, y down, z away from the viewer.
     camera : dict
         Plotly's, from where the scene is seen at first.
-    depth_ticks : int
-        About how many ticks the axis of depth has.
     """
     low, high = (edge.astype(float).tolist() for edge in (points.min(0), points.max(0)))
     size = [max(top - bottom, 1.0) for bottom, top in zip(low, high, strict=True)]
@@ -114,7 +98,7 @@ def scene(points: NDArray[Any], camera: dict[str, Any], *, depth_ticks: int = 3)
     longest = max(size)
     return {
         "xaxis": _scene_axis("x (mm)", x),
-        "yaxis": _scene_axis("z (mm), depth", z, ticks=depth_ticks),
+        "yaxis": _scene_axis("z (mm), depth", z, ticks=2),
         "zaxis": _scene_axis("y (mm), down", y[::-1]),
         "aspectmode": "manual",
         "aspectratio": {"x": size[0] / longest, "y": size[2] / longest, "z": size[1] / longest},

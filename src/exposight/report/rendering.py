@@ -20,7 +20,6 @@ from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from exposight import __version__
-from exposight.files import write_durably
 from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import NO_VALUE, count
 
@@ -82,12 +81,9 @@ def significant(value: float | None, digits: int = 3, *, factor: float = 1.0) ->
     exponent = math.floor(math.log10(abs(shown)))
     if exponent < -4 or exponent > 6:
         mantissa, power = f"{shown:.{digits - 1}e}".replace("-", "−").split("e")
-        return Number(value, Markup("{}·10<sup>{}</sup>").format(mantissa, _power(power)))
+        power = str(int(power.replace("−", "-"))).replace("-", "−")
+        return Number(value, Markup("{}·10<sup>{}</sup>").format(mantissa, power))
     return Number(value, f"{shown:.{max(0, digits - 1 - exponent)}f}".replace("-", "−"))
-
-
-def _power(text: str) -> str:
-    return str(int(text.replace("−", "-"))).replace("-", "−")
 
 
 def rounded(
@@ -215,17 +211,6 @@ def render_page(template: str, *, title: str, lead: str, **content: Any) -> str:
         else "",
         version=__version__,
     )
-
-
-def write_page(path: Path, page: str) -> None:
-    """Write a page durably; its folder must exist, an older file is replaced.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written; an older file then stays whole.
-    """
-    write_durably(path, page.encode())
 
 
 def _raw(name: str) -> Markup:

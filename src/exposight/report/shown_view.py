@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from exposight.planning import Forecast
     from exposight.statistics import RegressionScore
 
-_BRACKET = 4.0
+BRACKET = 4.0
 """How much shorter and longer than the shown one the other two exposure times are."""
+QUALITY_MODEL, EXPOSURE_MODEL = "q_k4", "e_k6"
+"""The paper's best models of each kind (Tables 2 and 3): the demonstration forecasts with them, and
+their predictions are shown first."""
 _POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
 
 
@@ -101,10 +104,9 @@ class ShownView:
         return tuple((self.p_norm >= P_NORM_MIN).sum(axis=0).tolist())
 
 
-def fullest_view(table: ObservationTable) -> str:
+def _fullest_view(measured: ObservationTable) -> str:
     """Return the view that measures most features; of several the one with most observations."""
-    frame = table.measured().frame
-    counts = frame.group_by("view", maintain_order=True).agg(
+    counts = measured.frame.group_by("view", maintain_order=True).agg(
         pl.col("feature").n_unique().alias("features"), pl.len().alias("rows")
     )
     return str(counts.sort("features", "rows", descending=True, maintain_order=True)["view"][0])
@@ -113,25 +115,23 @@ def fullest_view(table: ObservationTable) -> str:
 def show_view(
     table: ObservationTable,
     *,
-    name: str | None = None,
     main_ms: float | None = None,
     campaign: CaptureSource | None = None,
 ) -> ShownView:
-    """Pick a view and three of its exposure times: one to look at first, a shorter, a longer one.
+    """Pick the view that measures most features, and three of its exposure times.
 
     Parameters
     ----------
     table : ObservationTable
         What was observed.
-    name : str, optional
-        The view; the one that measures most features by default.
     main_ms : float, optional, ms
-        The exposure time to look at first; the one with the highest mean p_norm by default.
+        The exposure time to look at first; the one with the highest mean p_norm by default. The
+        others are a shorter and a longer one.
     campaign : CaptureSource, optional
         Brings the view's captures.
     """
-    name = fullest_view(table) if name is None else name
     rows = table.measured()
+    name = _fullest_view(rows)
     rows = rows.where(rows.names("view") == name)
     features = tuple(dict.fromkeys(rows.names("feature")))
     times = np.unique(rows.array(["exposure_ms"]))
@@ -139,9 +139,9 @@ def show_view(
     for feature, *values in rows.frame.select("feature", "exposure_ms", "i_avg", "p_norm").rows():
         place = features.index(feature), np.searchsorted(times, values[0])
         i_avg[place], p_norm[place] = values[1:]
-    main = int(np.nanmean(p_norm, axis=0).argmax()) if main_ms is None else None
-    main_ms = float(times[main]) if main_ms is None else main_ms
-    shown = sorted({_nearest(times, main_ms * factor) for factor in (1 / _BRACKET, 1.0, _BRACKET)})
+    if main_ms is None:
+        main_ms = float(times[np.nanmean(p_norm, axis=0).argmax()])
+    shown = sorted({_nearest(times, main_ms * factor) for factor in (1 / BRACKET, 1.0, BRACKET)})
     first = rows.frame.unique("feature", keep="first", maintain_order=True)
     view = ShownView(
         name=name,
@@ -164,23 +164,18 @@ def _nearest(times: NDArray[np.float64], wanted_ms: float) -> int:
 
 
 def _with_captures(view: ShownView, campaign: CaptureSource) -> ShownView:
-    captures = tuple(
-        sorted(
-            (
-                capture
-                for capture in campaign.captures()
-                if capture.view == view.name and capture.exposure_ms in view.exposures_ms
-            ),
-            key=lambda capture: capture.exposure_ms,
-        )
-    )
+    captures = [
+        capture
+        for capture in campaign.captures()
+        if capture.view == view.name and capture.exposure_ms in view.exposures_ms
+    ]
     if not captures:
         return view
     masks = view_features(campaign.part, campaign.sensor, captures[0].camera_from_part)
     by_name = {mask.feature.name: mask for mask in masks if mask.visibility is Visibility.VISIBLE}
     return replace(
         view,
-        captures=captures,
+        captures=tuple(sorted(captures, key=lambda capture: capture.exposure_ms)),
         views=tuple(by_name[name] for name in view.features),
         sensor=campaign.sensor,
     )

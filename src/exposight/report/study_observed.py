@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,16 +10,9 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.quantities import QUANTITIES, quantity
-from exposight.report.palette import (
-    ACCENT,
-    INK,
-    MUTED,
-    feature_order,
-    feature_style,
-    place_styles,
-)
+from exposight.report.palette import ACCENT, INK, MUTED, feature_order, feature_style
 from exposight.report.rendering import rounded
-from exposight.report.stills import draw_still, label_panel, plain_axes
+from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,10 +26,10 @@ if TYPE_CHECKING:
         ObservedCurve,
         TrainingPositions,
     )
-    from exposight.report.rendering import rounded
-from exposight.report.stills import Still
 
 _COLUMNS = 2
+_PALEST = 0.45
+"""Opacity of the last of several places of a feature; the first one's is 1."""
 
 
 def brightness_still(name: str, title: str, data: BrightnessCurves) -> Still:
@@ -95,18 +89,20 @@ def exposure_row_still(name: str, title: str, data: ExposureRow) -> Still:
         axes = figure.subplots()
         # Name and curve in the order in which they end, so that lines and legend read alike.
         ordered = sorted(data.curves, key=lambda curve: -curve.slope_ms)
-        for curve, place in zip(ordered, place_styles(len(ordered)), strict=True):
+        opacities = np.linspace(1.0, _PALEST, len(ordered)).tolist()
+        lines = cycle(("-", "--", "-.", ":"))
+        for curve, opacity, line in zip(ordered, opacities, lines, strict=False):
             style = feature_style(curve.feature)
             grey = np.array([0.0, float(curve.i_avg.max())])
-            axes.plot(grey, curve.slope_ms * grey, color=MUTED, linewidth=0.8, linestyle=place.line)
+            axes.plot(grey, curve.slope_ms * grey, color=MUTED, linewidth=0.8, linestyle=line)
             axes.plot(
                 curve.i_avg,
                 curve.exposure_ms,
                 color=style.colour,
-                alpha=place.opacity,
+                alpha=opacity,
                 marker=style.mark,
                 markersize=4.5,
-                linestyle=place.line,
+                linestyle=line,
                 label=f"x = {rounded(curve.x_mm, 0)} mm: {curve.slope_ms:.3g} ms per grey level",
             )
         axes.set_xlim(0, None)

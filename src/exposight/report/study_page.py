@@ -23,10 +23,7 @@ from exposight.paper import (
     study_figures,
     table_files,
 )
-from exposight.report.rendering import (
-    render_page,
-    write_page,
-)
+from exposight.report.rendering import render_page
 from exposight.report.study_observed import (
     brightness_still,
     dependence_still,
@@ -128,7 +125,7 @@ def write_study(
         },
     )
     report = folder / "report.html"
-    write_page(report, study_page(result, drawn, figures))
+    write_durably(report, study_page(result, drawn, figures).encode())
     progress(_WRITING, 1, 1)
     return StudyFiles(report=report, tables=tables, figures=pictures)
 

@@ -24,7 +24,7 @@ from exposight.report.palette import (
     feature_style,
 )
 from exposight.report.rendering import rounded
-from exposight.report.stills import draw_still, label_panel, plain_axes
+from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
         PredictedCurve,
         PredictionSurfaces,
     )
-    from exposight.report.rendering import rounded
-from exposight.report.stills import Still
 
 _BAND: Final[dict[str, Any]] = {"color": ACCENT, "alpha": 0.18, "linewidth": 0}
 
@@ -70,15 +68,17 @@ def best_and_worst_still(name: str, title: str, data: BestAndWorst) -> Still:
     columns = max(len(data.best), len(data.worst), 1)
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(2, columns, squeeze=False, sharex=True, sharey=_shares_y(data))
-        for row, (word, curves) in zip(
-            panels, (("best", data.best), ("worst", data.worst)), strict=True
+        shares_y = data.target == "p_norm"
+        panels = figure.subplots(2, columns, squeeze=False, sharex=True, sharey=shares_y)
+        for row, word, curves in zip(
+            panels, ("best", "worst"), (data.best, data.worst), strict=True
         ):
             for axes in row[len(curves) :]:
                 axes.set_visible(False)
             for place, (axes, curve) in enumerate(zip(row, curves, strict=False), start=1):
                 _curve_panel(axes, data, curve)
-                label_panel(axes, f"{word} {place}: {curve.observed.feature}{_outside_mark(curve)}")
+                outside = "" if curve.inside else " (extrapolated)"
+                label_panel(axes, f"{word} {place}: {curve.observed.feature}{outside}")
         for axes in panels[:, 1:].flat:
             axes.set_ylabel("")
         for axes in panels[0]:
@@ -87,14 +87,6 @@ def best_and_worst_still(name: str, title: str, data: BestAndWorst) -> Still:
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
 
     return draw_still(name, title, (7.6, 5.0), draw)
-
-
-def _shares_y(data: BestAndWorst) -> bool:
-    return data.target == "p_norm"
-
-
-def _outside_mark(curve: PredictedCurve) -> str:
-    return "" if curve.inside else " (extrapolated)"
 
 
 def _curve_panel(axes: Axes, data: BestAndWorst, curve: PredictedCurve) -> None:
@@ -255,7 +247,8 @@ def _block(
                 interpolation="bilinear",
             )
             _contours(axes, data, values[row, column], (low, high), is_spread=is_spread)
-            _trained(axes, data.trained_mm[column])
+            x, y = data.trained_mm[column][:, :2].T
+            axes.scatter(x, y, s=4, facecolor="white", edgecolor="black", linewidth=0.35)
             axes.set(xlim=extent[:2], ylim=extent[2:])
             axes.yaxis.set_major_locator(MaxNLocator(4))
             if row == 0:
@@ -297,9 +290,3 @@ def _contours(
     digits = 2 if limits[1] < 2 else 1 if limits[1] < 20 else 0
     for text in axes.clabel(lines, fontsize=6, fmt=f"%.{digits}f"):
         text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
-
-
-def _trained(axes: Axes, places: NDArray[np.float64]) -> None:
-    axes.scatter(
-        places[:, 0], places[:, 1], s=4, facecolor="white", edgecolor="black", linewidth=0.35
-    )
