@@ -208,7 +208,8 @@ def unreached_functions() -> list[str]:
     }
     # A user of the public surface calls any method of its classes.
     roots |= {method for key in surface for method in graph.methods[key]}
-    reached = graph.reach(roots, set())
+    templates = "".join(path.read_text("utf-8") for path in PACKAGE.rglob("templates/*.html"))
+    reached = graph.reach(roots, set(re.findall(r"\.(\w+)", templates)))
     return sorted(
         f"{module}.{name}"
         for (module, name), definition in graph.definitions.items()

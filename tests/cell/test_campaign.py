@@ -167,7 +167,7 @@ def test_missing_points_cost_a_bit_each(tmp_path, sensor, part, make_capture):
 
 def test_a_reopened_writer_knows_what_is_there(folder, sensor, part):
     with reopen(folder, sensor, part) as writer:
-        assert writer.keys == (("v1", 30), ("v1", 10), ("v1", 20))
+        assert list(writer.keys.values()) == [("v1", 30), ("v1", 10), ("v1", 20)]
         assert writer.has("v1", 10)
         assert not writer.has("v2", 10)
 
@@ -181,7 +181,7 @@ def test_a_reopened_writer_adds_behind_what_is_there(folder, sensor, part, make_
 def test_a_reopened_writer_knows_the_number_of_each_capture(folder, sensor, part):
     shutil.rmtree(folder / "captures" / "000001")
     with reopen(folder, sensor, part) as writer:
-        assert writer.numbered_keys == {0: ("v1", 30), 2: ("v1", 20)}
+        assert writer.keys == {0: ("v1", 30), 2: ("v1", 20)}
 
 
 def test_numbered_captures_come_in_the_order_of_their_numbers(folder, sensor, part, make_capture):

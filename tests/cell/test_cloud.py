@@ -1,8 +1,248 @@
 import numpy as np
 import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from pypcd4.pypcd4 import Encoding, PointCloud
 
-from exposight.cell import Cloud
-from exposight.errors import CloudError
+from exposight.cell import CLOUD_SUFFIXES, Cloud, read_cloud, write_cloud
+from exposight.errors import CloudError, DamagedFileError, FormatError, MissingFileError
+
+KEEPS_SIZE = [".ply", ".pcd", ".npy"]
+POINTS = np.array([[1.5, -2.25, 600.125], [np.nan] * 3, [0.1, 0.2, 0.3], [4, 5, 6]], np.float32)
+
+
+@pytest.fixture
+def cloud() -> Cloud:
+    return Cloud(points=POINTS)
+
+
+@pytest.fixture
+def organised() -> Cloud:
+    return Cloud(points=POINTS.reshape(2, 2, 3))
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_writing_and_reading_keeps_every_bit_and_missing_points(tmp_path, cloud, suffix):
+    write_cloud(tmp_path / f"cloud{suffix}", cloud)
+    np.testing.assert_array_equal(read_cloud(tmp_path / f"cloud{suffix}").points, cloud.points)
+
+
+@pytest.mark.parametrize("suffix", KEEPS_SIZE)
+def test_these_formats_keep_rows_and_columns(tmp_path, organised, suffix):
+    write_cloud(tmp_path / f"cloud{suffix}", organised)
+    np.testing.assert_array_equal(read_cloud(tmp_path / f"cloud{suffix}").points, organised.points)
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_a_given_size_makes_any_file_organised(tmp_path, cloud, organised, suffix):
+    write_cloud(tmp_path / f"cloud{suffix}", cloud)
+    read = read_cloud(tmp_path / f"cloud{suffix}", size=(2, 2))
+    np.testing.assert_array_equal(read.points, organised.points)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    points=hnp.arrays(
+        np.float32, st.tuples(st.integers(1, 4), st.just(3)), elements=st.floats(width=32)
+    ),
+    suffix=st.sampled_from(CLOUD_SUFFIXES),
+)
+def test_any_points_survive_any_format(tmp_path_factory, points, suffix):
+    path = tmp_path_factory.mktemp("any") / f"cloud{suffix}"
+    cloud = Cloud(points=points)
+    write_cloud(path, cloud)
+    np.testing.assert_array_equal(read_cloud(path).points, cloud.points)
+
+
+def test_an_upper_case_suffix_is_the_same_format(tmp_path, cloud):
+    write_cloud(tmp_path / "cloud.PLY", cloud)
+    assert read_cloud(tmp_path / "cloud.PLY").n_valid == 3
+
+
+@pytest.mark.parametrize("suffix", KEEPS_SIZE)
+def test_an_empty_cloud_is_written_and_read(tmp_path, suffix):
+    write_cloud(tmp_path / f"cloud{suffix}", Cloud(points=np.zeros((0, 3))))
+    assert read_cloud(tmp_path / f"cloud{suffix}").points.shape == (0, 3)
+
+
+# -- what is no cloud ---------------------------------------------------------------------------
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MissingFileError, match=r"no point cloud at .*gone\.ply"):
+        read_cloud(tmp_path / "gone.ply")
+
+
+def test_an_unknown_format_lists_the_known_ones(tmp_path):
+    (tmp_path / "cloud.e57").write_bytes(b"x")
+    with pytest.raises(FormatError, match=r"\.ply, \.pcd, .*got the suffix '\.e57'"):
+        read_cloud(tmp_path / "cloud.e57")
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_an_empty_file_is_damaged(tmp_path, suffix):
+    path = tmp_path / f"cloud{suffix}"
+    path.touch()
+    with pytest.raises(DamagedFileError, match=f"cloud{suffix} is empty"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_a_photograph_is_no_cloud(tmp_path, suffix):
+    path = tmp_path / f"cloud{suffix}"
+    path.write_bytes(b"\xff\xd8\xff\xe0 JFIF \x00\x01\x02 a photograph")
+    with pytest.raises(FormatError, match=f"cloud{suffix}"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize("suffix", KEEPS_SIZE)
+@pytest.mark.parametrize("cut", [1, 12, 13])  # 12 bytes are a whole point
+def test_a_binary_file_that_is_cut_off_is_named(tmp_path, cloud, suffix, cut):
+    path = tmp_path / f"cloud{suffix}"
+    write_cloud(path, cloud)
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.raises((DamagedFileError, FormatError), match=f"cloud{suffix}"):
+        read_cloud(path)
+
+
+def test_a_wrong_size_names_the_file(tmp_path, cloud):
+    write_cloud(tmp_path / "cloud.csv", cloud)
+    with pytest.raises(CloudError, match=r"cloud\.csv: 3 rows × 2 columns need 6 points"):
+        read_cloud(tmp_path / "cloud.csv", size=(3, 2))
+
+
+# -- PLY against trimesh, PCD against pypcd4 ----------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_ply_files_of_trimesh_are_read(tmp_path, encoding):
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    path = tmp_path / "cloud.ply"
+    # More decimals than float32 has, so that the text is exact.
+    data = trimesh.exchange.ply.export_ply(trimesh.PointCloud(points), encoding=encoding)
+    path.write_bytes(data)
+    np.testing.assert_allclose(read_cloud(path).points, points, rtol=1e-6, atol=1e-7)
+
+
+def test_ply_files_of_a_mesh_give_its_vertices(tmp_path):
+    box = trimesh.creation.box((10, 20, 30))
+    (tmp_path / "box.ply").write_bytes(trimesh.exchange.ply.export_ply(box))
+    np.testing.assert_array_equal(read_cloud(tmp_path / "box.ply").points, box.vertices)
+
+
+def test_ply_files_of_ours_are_read_by_trimesh(tmp_path, cloud):
+    write_cloud(tmp_path / "cloud.ply", cloud)
+    np.testing.assert_array_equal(trimesh.load(tmp_path / "cloud.ply").vertices, cloud.points)
+
+
+def test_pcd_files_of_ours_keep_their_size_for_others(tmp_path):
+    write_cloud(tmp_path / "cloud.pcd", Cloud(points=np.ones((2, 5, 3))))
+    meta = PointCloud.from_path(tmp_path / "cloud.pcd").metadata
+    assert (meta.height, meta.width, meta.points) == (2, 5, 10)
+
+
+@pytest.mark.parametrize("encoding", list(Encoding))
+def test_pcd_files_of_every_encoding_are_read(tmp_path, encoding):
+    points = np.random.default_rng(0).normal(size=(6, 4)).astype(np.float32)
+    cloud = PointCloud.from_xyzi_points(points)
+    cloud.metadata = cloud.metadata.derive(height=2, width=3)
+    cloud.save(tmp_path / "cloud.pcd", encoding=encoding)
+    read = read_cloud(tmp_path / "cloud.pcd")
+    np.testing.assert_allclose(read.points, points[:, :3].reshape(2, 3, 3), rtol=1e-6, atol=1e-7)
+
+
+def test_a_pcd_without_coordinates_names_its_fields(tmp_path):
+    cloud = PointCloud.from_points(np.ones((2, 2), np.float32), ("x", "rgb"), (np.float32,) * 2)
+    cloud.save(tmp_path / "cloud.pcd")
+    with pytest.raises(FormatError, match="expected the fields x, y and z, got x, rgb"):
+        read_cloud(tmp_path / "cloud.pcd")
+
+
+# -- text ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1 2 3\n4 5 6\n",
+        "x_mm y_mm z_mm\n1 2 3\n4 5 6\n",
+        "X Y Z I\n1 2 3 99\n4 5 6 98\n",
+        "//X Y Z\n1 2 3\n4 5 6\n",
+        "# a comment\n  1\t2   3 0.5\n4 5 6 0.5",
+        "\ufeff1 2 3\r\n4 5 6\r\n",
+    ],
+)
+def test_xyz_files_as_programs_write_them_are_read(tmp_path, text):
+    path = tmp_path / "cloud.xyz"
+    path.write_text(text, encoding="utf-8", newline="")
+    assert read_cloud(path).points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_an_xyz_file_in_metres_is_refused(tmp_path):
+    (tmp_path / "cloud.xyz").write_text("x_m y_m z_m\n1 2 3\n")
+    with pytest.raises(FormatError, match=r"expected x y z in mm.*got 'x_m y_m z_m'"):
+        read_cloud(tmp_path / "cloud.xyz")
+
+
+def test_a_short_line_of_text_is_named(tmp_path):
+    (tmp_path / "cloud.xyz").write_text("1 2 3\n4 5\n")
+    with pytest.raises(FormatError, match=r"cloud\.xyz.*row 2.*expected three numbers x y z in mm"):
+        read_cloud(tmp_path / "cloud.xyz")
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("x_m,y_m,z_m", "x_m is in m: convert to mm and name it x_mm"),
+        ("x,y,z", "x has no unit: convert to mm if it is not, and name it x_mm"),
+        ("y_mm,x_mm,z_mm", "their order is not: sort them"),
+        ("x_mm;y_mm;z_mm", "separated by semicolons"),
+        ("x_mm,y_mm,z_mm,i", "expected the columns x_mm,y_mm,z_mm, got x_mm,y_mm,z_mm,i"),
+    ],
+)
+def test_a_csv_with_another_header_is_refused(tmp_path, header, message):
+    (tmp_path / "cloud.csv").write_text(f"{header}\n1,2,3\n")
+    with pytest.raises(FormatError, match=message):
+        read_cloud(tmp_path / "cloud.csv")
+
+
+def test_a_csv_with_decimal_commas_is_refused(tmp_path):
+    (tmp_path / "cloud.csv").write_text('x_mm,y_mm,z_mm\n"1,5",2,3\n')
+    with pytest.raises(FormatError, match="with a point as the decimal separator"):
+        read_cloud(tmp_path / "cloud.csv")
+
+
+def test_another_unit_is_converted_to_mm(tmp_path):
+    (tmp_path / "cloud.xyz").write_text("0.001 0.5 -1\nnan nan nan\n")
+    points = read_cloud(tmp_path / "cloud.xyz", unit="m").points
+    np.testing.assert_allclose(points, [[1, 500, -1000], [np.nan] * 3])
+    with pytest.raises(CloudError, match="must be mm, cm, m, got 'inch'"):
+        read_cloud(tmp_path / "cloud.xyz", unit="inch")
+
+
+# -- NPY ----------------------------------------------------------------------------------------
+
+
+def test_a_pickle_is_not_unpickled(tmp_path):
+    path = tmp_path / "cloud.npy"
+    np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises((FormatError, DamagedFileError), match="without pickled objects"):
+        read_cloud(path)
+
+
+def test_an_npz_is_not_taken_for_an_npy(tmp_path):
+    with (tmp_path / "cloud.npy").open("wb") as file:
+        np.savez(file, a=np.ones((2, 3)))
+    with pytest.raises(FormatError, match="archive of several arrays"):
+        read_cloud(tmp_path / "cloud.npy")
+
+
+def test_an_npy_of_another_shape_is_named(tmp_path):
+    np.save(tmp_path / "cloud.npy", np.ones((2, 4)))
+    with pytest.raises(CloudError, match=r"cloud\.npy: a cloud needs points of shape"):
+        read_cloud(tmp_path / "cloud.npy")
 
 
 def test_a_zero_point_is_missing():

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exposight.report.figures import Plot
 from exposight.report.part_plot import label_places, ring_mesh, shading
-from exposight.report.plots import Plot
 
 EXTENT = 1000.0
 

@@ -42,7 +42,7 @@ from exposight.files import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from filelock import BaseFileLock
 
@@ -86,12 +86,8 @@ class MemoryCampaign:
 
     Parameters
     ----------
-    name : str
-        Name of the campaign.
-    sensor : ActiveSensor
-        The sensor that took every capture.
-    part : Part
-        The part that was measured.
+    name, sensor, part
+        As in `CaptureSource`.
     captures : sequence of Capture
         At most one for each view and exposure time.
 
@@ -111,8 +107,7 @@ class MemoryCampaign:
         self.part = part
         keys: set[CaptureKey] = set()
         for capture in captures:
-            capture.check_fits(sensor)
-            _check_new_key(capture.key, keys, name)
+            _check_new(capture, sensor, keys, name)
             keys.add(capture.key)
         self._captures = tuple(captures)
 
@@ -271,13 +266,8 @@ class CampaignWriter:
             raise
 
     @property
-    def keys(self) -> tuple[CaptureKey, ...]:
-        """View and exposure time of every capture that is there, in the order they were taken."""
-        return tuple(self._keys.values())
-
-    @property
-    def numbered_keys(self) -> dict[int, CaptureKey]:
-        """The same by the captures' numbers."""
+    def keys(self) -> dict[int, CaptureKey]:
+        """View and exposure time of every capture that is there by its number, in their order."""
         return dict(self._keys)
 
     def has(self, view: str, exposure_ms: float) -> bool:
@@ -298,8 +288,7 @@ class CampaignWriter:
         if not self._release.alive:
             msg = f"the writer of {campaign.path} is closed; open the campaign again to add to it"
             raise FileError(msg)
-        capture.check_fits(campaign.sensor)
-        _check_new_key(capture.key, set(self._keys.values()), campaign.name)
+        _check_new(capture, campaign.sensor, self._keys.values(), campaign.name)
         number = 1 + max(self._keys, default=-1)
         write_capture(_capture_path(campaign.path, number), capture)
         self._keys[number] = capture.key
@@ -421,8 +410,12 @@ def _outline(part: Part) -> list[object]:
     return [part.name, sizes, [f.part_from_feature.to_matrix().tolist() for f in part.features]]
 
 
-def _check_new_key(key: CaptureKey, known: set[CaptureKey], campaign: str) -> None:
-    """Check that a campaign has no capture of this view and exposure time yet."""
+def _check_new(
+    capture: Capture, sensor: ActiveSensor, known: Collection[CaptureKey], campaign: str
+) -> None:
+    """Check that a capture can be the sensor's, and is the only one of its view and exposure."""
+    capture.check_fits(sensor)
+    key = capture.key
     if key in known:
         msg = (
             f"campaign {campaign!r} already has a capture of view {key.view!r} at "

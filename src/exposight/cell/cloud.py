@@ -1,13 +1,28 @@
-"""Point clouds, organised like their camera's image or not, with missing points as NaN."""
+"""Point clouds, organised like their camera's image or not, and their files (``docs/formats.md``).
+
+Missing points are NaN. Every format (PLY, PCD, XYZ, CSV, NPY) keeps them, as NaN or zero, and the
+order. PLY, PCD and NPY also keep the rows and columns of an organised cloud; the text formats
+cannot, so their reader takes them from the caller. Coordinates are in mm.
+"""
 
 from __future__ import annotations
 
+import io
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
+from pypcd4.pypcd4 import Encoding, PointCloud
 
-from exposight.errors import CloudError
+from exposight.cell.ply import ply_from_points, points_from_ply
+from exposight.errors import CloudError, DamagedFileError, FormatError
+from exposight.files import check_columns, is_number, read_bytes, write_durably
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -119,3 +134,220 @@ def _checked(points: ArrayLike) -> NDArray[np.float32]:
         missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
     copy[missing] = np.nan
     return copy
+
+
+_CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
+
+
+LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, "m": 1000.0})
+"""Units that the coordinates of a cloud's file may have, in mm."""
+
+
+def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "mm") -> Cloud:
+    """Read a point cloud; the file's suffix gives its format.
+
+    Parameters
+    ----------
+    path : Path
+        A .ply, .pcd, .xyz, .txt, .csv or .npy file.
+    size : (int, int), optional
+        Rows and columns of the image, for an organised cloud whose file does not hold them.
+    unit : {'mm', 'cm', 'm'}
+        Unit of the file's coordinates, which files do not state; the cloud is in mm.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    FormatError
+        If it is not what its suffix says, or another format.
+    DamagedFileError
+        If it is empty or cut off.
+    CloudError
+        If the number of points is not rows × columns, or the unit is another.
+    """
+    path = Path(path)
+    read, _ = _format(path)
+    if unit not in LENGTH_UNITS_MM:
+        msg = f"the unit of a cloud must be {', '.join(LENGTH_UNITS_MM)}, got {unit!r}"
+        raise CloudError(msg)
+    data = read_bytes(path, "point cloud")
+    if not data:
+        msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
+        raise DamagedFileError(msg)
+    try:
+        cloud = Cloud(points=read(data, path))
+        if unit != "mm":
+            cloud = Cloud(points=LENGTH_UNITS_MM[unit] * cloud.points)
+        return cloud if size is None else cloud.organise(*size)
+    except CloudError as error:
+        msg = f"{path}: {error}"
+        raise CloudError(msg) from error
+
+
+def write_cloud(path: Path, cloud: Cloud) -> None:
+    """Write a point cloud in mm; the file's suffix gives its format.
+
+    The file is whole or absent. Missing points are written as NaN, so that the order stays.
+
+    Parameters
+    ----------
+    path : Path
+        A .ply, .pcd, .xyz, .txt, .csv or .npy file; PLY and PCD are written in binary.
+    cloud : Cloud
+        The points; the text formats (.xyz, .txt, .csv) keep their order but not their rows and
+        columns.
+
+    Raises
+    ------
+    FormatError
+        If the suffix is another one.
+    FileError
+        If the disk refuses.
+    """
+    path = Path(path)
+    _, write = _format(path)
+    write_durably(path, write(cloud.points))
+
+
+_Read = Callable[[bytes, Path], "NDArray[np.floating]"]
+_Write = Callable[["NDArray[np.float32]"], bytes]
+
+
+def _format(path: Path) -> tuple[_Read, _Write]:
+    """Return the reader and the writer of the format that a file's suffix gives."""
+    if path.suffix.lower() in _FORMATS:
+        return _FORMATS[path.suffix.lower()]
+    msg = (
+        f"{path}: point clouds are read and written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
+        f"{path.suffix!r}; convert it, keeping missing points so that it stays organised"
+    )
+    raise FormatError(msg)
+
+
+# -- PCD ----------------------------------------------------------------------------------------
+
+
+def _read_pcd(data: bytes, path: Path) -> NDArray[np.floating]:
+    try:
+        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(data)))
+    except (ValueError, KeyError, TypeError, RuntimeError, struct.error) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        msg = f"{path} is no PCD file, or is cut off ({reason}); expected PCD version 0.7"
+        raise FormatError(msg) from error
+    if not {"x", "y", "z"} <= set(cloud.fields):
+        msg = f"{path}: expected the fields x, y and z, got {', '.join(cloud.fields)}"
+        raise FormatError(msg)
+    meta = cloud.metadata
+    if len(cloud.pc_data) != meta.points or meta.width * meta.height != meta.points:
+        msg = (
+            f"{path} is cut off or wrong: its header announces {meta.height} rows × {meta.width} "
+            f"columns and {meta.points} points, it holds {len(cloud.pc_data)}"
+        )
+        raise DamagedFileError(msg)
+    points = np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1)
+    return points.reshape(meta.height, meta.width, 3) if meta.height > 1 else points
+
+
+def _pcd(points: NDArray[np.float32]) -> bytes:
+    cloud = PointCloud.from_xyz_points(points.reshape(-1, 3))
+    height, width = points.shape[:2] if points.ndim == 3 else (1, len(points))
+    cloud.metadata = cloud.metadata.derive(height=height, width=width)
+    buffer = io.BytesIO()
+    cloud.save(buffer, encoding=Encoding.BINARY)
+    return buffer.getvalue()
+
+
+# -- text ---------------------------------------------------------------------------------------
+
+
+def _read_xyz(data: bytes, path: Path) -> NDArray[np.floating]:
+    """Read x y z in the first three columns, after an optional line of column names."""
+    # CloudCompare marks its line of names with //.
+    line = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").lstrip("/")
+    first = line.split()
+    has_header = bool(first) and not first[0].startswith("#") and not is_number(first[0])
+    if has_header and first[0].lower() not in {"x", "x_mm"}:
+        msg = (
+            f"{path}: expected x y z in mm, or a first line 'x_mm y_mm z_mm', got "
+            f"{' '.join(first[:6])!r}"
+        )
+        raise FormatError(msg)
+    return _numbers(data, path, delimiter=None, skiprows=int(has_header))
+
+
+def _read_csv(data: bytes, path: Path) -> NDArray[np.floating]:
+    first = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").strip()
+    check_columns(first.split(","), required=_CSV_COLUMNS, optional=(), source=path)
+    return _numbers(data, path, delimiter=",", skiprows=1)
+
+
+def _numbers(
+    data: bytes, path: Path, *, delimiter: str | None, skiprows: int
+) -> NDArray[np.float32]:
+    if not data.split(b"\n", skiprows)[-1].strip():
+        return np.zeros((0, 3), dtype=np.float32)
+    try:
+        return np.loadtxt(
+            io.StringIO(data.decode("utf-8-sig")),
+            dtype=np.float32,
+            delimiter=delimiter,
+            skiprows=skiprows,
+            usecols=(0, 1, 2),
+            ndmin=2,
+        )
+    except ValueError as error:
+        msg = (
+            f"{path}: {error}; expected three numbers x y z in mm on every line, "
+            "with a point as the decimal separator"
+        )
+        raise FormatError(msg) from error
+
+
+def _write_text(separator: str, header: bool, points: NDArray[np.float32]) -> bytes:
+    frame = pl.DataFrame(points.reshape(-1, 3), schema=list(_CSV_COLUMNS))
+    buffer = io.BytesIO()
+    frame.write_csv(buffer, separator=separator, include_header=header)
+    return buffer.getvalue()
+
+
+_xyz, _csv = partial(_write_text, " ", False), partial(_write_text, ",", True)
+
+
+# -- NPY ----------------------------------------------------------------------------------------
+
+
+def _read_npy(data: bytes, path: Path) -> NDArray[np.floating]:
+    try:
+        array = np.load(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        msg = (
+            f"{path} cannot be read as NPY ({error}); expected an array of numbers of shape "
+            "(rows, columns, 3) or (n, 3) in mm, without pickled objects"
+        )
+        kind = DamagedFileError if data.startswith(b"\x93NUMPY") else FormatError
+        raise kind(msg) from error
+    if not isinstance(array, np.ndarray):
+        array.close()
+        msg = f"{path} is an archive of several arrays (NPZ); expected one array (NPY)"
+        raise FormatError(msg)
+    return array
+
+
+def _npy(points: NDArray[np.float32]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, points, allow_pickle=False)
+    return buffer.getvalue()
+
+
+_FORMATS: dict[str, tuple[_Read, _Write]] = {
+    ".ply": (points_from_ply, ply_from_points),
+    ".pcd": (_read_pcd, _pcd),
+    ".xyz": (_read_xyz, _xyz),
+    ".txt": (_read_xyz, _xyz),
+    ".csv": (_read_csv, _csv),
+    ".npy": (_read_npy, _npy),
+}
+
+CLOUD_SUFFIXES: tuple[str, ...] = tuple(_FORMATS)
+"""File suffixes of the point-cloud formats that can be read and written."""

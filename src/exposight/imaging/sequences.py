@@ -10,13 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
 
 from exposight.cell import BitDepth, full_scale
 from exposight.errors import ImageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 
 _MAX_BITS = 16
 
@@ -195,40 +199,50 @@ class PatternSequence:
     file_pattern: str = "*.png"
 
     def __post_init__(self) -> None:
+        full_scale(self.bit_depth)  # refuses others
+        for fault in self._faults():
+            raise ImageError(fault)
+
+    def _faults(self) -> Iterator[str]:
         if min(self.projector_width, self.projector_height) < 1:
-            msg = (
+            yield (
                 "a projector's size must be positive, got "
                 f"{self.projector_width} × {self.projector_height} px"
             )
-            raise ImageError(msg)
         if self.columns is None and self.rows is None:
-            msg = "a pattern sequence must code the projector's columns, its rows, or both"
-            raise ImageError(msg)
-        full_scale(self.bit_depth)  # refuses others
-        self._check_frames()
-        for axis, coding, size in self.axes():
-            _check_axis(axis, coding, size)
-
-    def _check_frames(self) -> None:
+            yield "a pattern sequence must code the projector's columns, its rows, or both"
         if (self.white_frame is None) != (self.black_frame is None):
-            msg = "a white and a black frame are given together or not at all"
-            raise ImageError(msg)
-        for axis, coding, _ in self.axes():
+            yield "a white and a black frame are given together or not at all"
+        used = self._used_frames()
+        if min(used) < 0:
+            yield f"frames are numbered from 0, got {min(used)}"
+        for axis, coding, size in self.axes():
             gray = coding.gray_code
-            if gray is not None and not gray.inverse_frames and self.white_frame is None:
-                msg = (
+            if gray is None:
+                continue
+            if not gray.inverse_frames and self.white_frame is None:
+                yield (
                     f"the Gray code of the {axis} has no inverse frames; say which frames are "
                     "white and black, or which are the inverses"
                 )
-                raise ImageError(msg)
-        used = self._used_frames()
-        if min(used) < 0:
-            msg = f"frames are numbered from 0, got {min(used)}"
-            raise ImageError(msg)
+            covered = 2 ** len(gray.frames) * gray.code_width
+            if covered < size:
+                yield (
+                    f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; "
+                    "check the number of bits and the width of a code"
+                )
+            if not coding.fringes:
+                continue
+            periods = [fringe.periods for fringe in coding.fringes]
+            coarsest = size / (periods[1] - periods[0] if len(periods) > 1 else periods[0])
+            if coarsest < gray.code_width:
+                yield (
+                    f"the Gray code of the {axis} is {gray.code_width} px wide, more than the "
+                    f"{coarsest:g} px over which the coarsest fringes are unambiguous"
+                )
         twice = sorted({frame for frame in used if used.count(frame) > 1})
         if twice:
-            msg = f"a frame has one meaning, but {twice} are used more than once"
-            raise ImageError(msg)
+            yield f"a frame has one meaning, but {twice} are used more than once"
 
     def _used_frames(self) -> list[int]:
         used = [frame for _, coding, _ in self.axes() for frame in coding.frames]
@@ -246,25 +260,3 @@ class PatternSequence:
     def n_frames(self) -> int:
         """Number of frames that a recording must have."""
         return max(self._used_frames()) + 1
-
-
-def _check_axis(axis: str, coding: AxisCoding, size: int) -> None:
-    gray = coding.gray_code
-    if gray is None:
-        return
-    covered = 2 ** len(gray.frames) * gray.code_width
-    if covered < size:
-        msg = (
-            f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; check "
-            "the number of bits and the width of a code"
-        )
-        raise ImageError(msg)
-    if coding.fringes:
-        periods = [fringe.periods for fringe in coding.fringes]
-        coarsest = size / (periods[1] - periods[0]) if len(periods) > 1 else size / periods[0]
-        if coarsest < gray.code_width:
-            msg = (
-                f"the Gray code of the {axis} is {gray.code_width} px wide, more than the "
-                f"{coarsest:g} px over which the coarsest fringes are unambiguous"
-            )
-            raise ImageError(msg)

@@ -341,7 +341,7 @@ def _captures_there(
     """Return the plan's captures that an earlier run took."""
     planned = {number: key for key, number in numbers.items()}
     there = set()
-    for number, key in writer.numbered_keys.items():
+    for number, key in writer.keys.items():
         wanted = planned.get(number, CaptureKey("", 0.0))
         if wanted.view != key.view or not same_exposure(
             wanted.exposure_ms, key.exposure_ms, sensor.exposure.increment_ms

@@ -4,9 +4,8 @@ A page for any campaign and models (`campaign_report`), the demonstration, and t
 """
 
 from exposight.report.campaign_page import CampaignReport, campaign_report, write_campaign_report
-from exposight.report.campaign_summary import ModelResult
+from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, ModelResult
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh
-from exposight.report.shown_view import EXPOSURE_MODEL, QUALITY_MODEL
 from exposight.report.study_page import StudyFiles, write_study

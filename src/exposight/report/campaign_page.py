@@ -14,8 +14,12 @@ from exposight.observing import ObservationTable, observe_campaign, read_observa
 from exposight.report.campaign_summary import (
     CampaignSummary,
     ModelResult,
+    ShownView,
     evaluate_models,
+    forecasting_models,
+    show_view,
     summarise,
+    with_forecast,
 )
 from exposight.report.model_figures import (
     brightness_still,
@@ -34,7 +38,6 @@ from exposight.report.pictures import (
     ringed_picture,
 )
 from exposight.report.rendering import render_page, rounded
-from exposight.report.shown_view import ShownView, forecasting_models, show_view, with_forecast
 from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:

@@ -22,16 +22,17 @@ from exposight.observing import Visibility, observe_campaign, view_features
 from exposight.planning import SensorModels
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan
 from exposight.report.campaign_page import CampaignReport, sensor_facts
-from exposight.report.campaign_summary import evaluate_models, summarise
-from exposight.report.part_plot import PartMesh
-from exposight.report.shown_view import (
+from exposight.report.campaign_summary import (
     BRACKET,
     EXPOSURE_MODEL,
     QUALITY_MODEL,
     ShownView,
+    evaluate_models,
     show_view,
+    summarise,
     with_forecast,
 )
+from exposight.report.part_plot import PartMesh
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers

@@ -11,19 +11,10 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.quantities import QUANTITIES, quantity
-from exposight.report.palette import (
-    ACCENT,
-    EXPOSURE_SCALE,
-    INK,
-    MUTED,
-    OUTSIDE,
-    P_NORM_SCALE,
-    rgb,
-)
+from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, ShownView
+from exposight.report.figures import Plot, Still, axis, draw_still, label_panel, layout, plain_axes
+from exposight.report.palette import ACCENT, EXPOSURE_SCALE, INK, MUTED, OUTSIDE, P_NORM_SCALE, rgb
 from exposight.report.part_plot import feature_title
-from exposight.report.plots import Plot, axis, layout
-from exposight.report.shown_view import EXPOSURE_MODEL, QUALITY_MODEL, ShownView
-from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,9 +16,9 @@ import trimesh
 from markupsafe import escape
 
 from exposight.errors import FormatError, MissingFileError
+from exposight.report.figures import Plot, coordinates, layout, scene
 from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
 from exposight.report.pictures import brighten
-from exposight.report.plots import Plot, coordinates, layout, scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from exposight.geometry import RigidTransform
-    from exposight.report.shown_view import ShownView
+    from exposight.report.campaign_summary import ShownView
 
 _GREYS = [[0.0, "#5d646c"], [1.0, "#eceef0"]]
 _CLOUD_GREYS = [[0.0, "rgb(30,33,38)"], [1.0, "rgb(235,235,235)"]]

@@ -10,9 +10,9 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.quantities import QUANTITIES, quantity
+from exposight.report.figures import Still, draw_still, label_panel, plain_axes
 from exposight.report.palette import ACCENT, INK, MUTED, feature_order, feature_style
 from exposight.report.rendering import rounded
-from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from exposight.paper import StudyResult
-    from exposight.report.stills import Still
+    from exposight.report.figures import Still
 
 _SENSOR_TITLES = {"structured-light": "structured-light sensor", "stereo": "active stereo sensor"}
 _DRAWING, _WRITING = "drawing the figures", "writing the report"

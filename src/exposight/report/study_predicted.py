@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from exposight.models import P_NORM_MIN
 from exposight.quantities import QUANTITIES
+from exposight.report.figures import Still, draw_still, label_panel, plain_axes
 from exposight.report.palette import (
     ACCENT,
     EXPOSURE_SCALE,
@@ -24,7 +25,6 @@ from exposight.report.palette import (
     feature_style,
 )
 from exposight.report.rendering import rounded
-from exposight.report.stills import Still, draw_still, label_panel, plain_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
