@@ -16,7 +16,7 @@ import polars as pl
 from exposight.errors import ObservationError
 from exposight.geometry import RigidTransform
 from exposight.models import P_NORM_MIN, evaluate
-from exposight.observing import Visibility, view_features
+from exposight.observing import view_features
 from exposight.planning import DEFAULT_MODELS, SensorModels
 from exposight.statistics import score
 
@@ -134,8 +134,8 @@ def summarise(table: ObservationTable) -> CampaignSummary:
     highest = frame.group_by("feature", "exposure_ms").agg(pl.col("p_norm").max())
     for name, exposure_ms, value in highest.iter_rows():
         p_norm[names.index(name), np.searchsorted(exposures_ms, exposure_ms)] = value
-    good = (p_norm >= P_NORM_MIN).sum(axis=0)
-    best = max(range(len(exposures_ms)), key=lambda i: (good[i], np.nanmean(p_norm[:, i])))
+    good, mean = (p_norm >= P_NORM_MIN).sum(axis=0), np.nanmean(p_norm, axis=0)
+    best = max(range(len(exposures_ms)), key=lambda i: (good[i], mean[i]))
     return CampaignSummary(
         features=tuple(
             FeatureSummary(**row, p_norm_at_best=None if np.isnan(at_best) else float(at_best))
@@ -359,7 +359,7 @@ def _with_captures(view: ShownView, campaign: CaptureSource) -> ShownView:
     if not captures:
         return view
     masks = view_features(campaign.part, campaign.sensor, captures[0].camera_from_part)
-    by_name = {mask.feature.name: mask for mask in masks if mask.visibility is Visibility.VISIBLE}
+    by_name = {mask.feature.name: mask for mask in masks}
     return replace(
         view,
         captures=tuple(sorted(captures, key=lambda capture: capture.exposure_ms)),
@@ -375,12 +375,9 @@ def forecasting_models(models: Sequence[Predictor]) -> SensorModels | None:
     are not both.
     """
     chosen = []
+    able_models = [model for model in models if set(model.inputs) <= {"i_avg", *_POSE}]
     for target, preferred in zip(("p_norm", "exposure_ms"), DEFAULT_MODELS, strict=True):
-        able = [
-            model
-            for model in models
-            if model.target == target and set(model.inputs) <= {"i_avg", *_POSE}
-        ]
+        able = [model for model in able_models if model.target == target]
         if not able:
             return None
         chosen.append(max(able, key=lambda model: (model.name == preferred, len(model.inputs))))
