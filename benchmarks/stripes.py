@@ -21,7 +21,6 @@ from exposight.models import Training
 from exposight.observing import (
     Observation,
     ObservationTable,
-    RingBrightness,
     observe_capture,
     point_search,
     ring_brightness,
@@ -56,19 +55,19 @@ _JUDGED = (
 )
 """Short name, variant, which unseen features judge it, and the unit of its RMSE."""
 
-Rings: TypeAlias = Mapping[int, RingBrightness]
+Rings: TypeAlias = Mapping[int, Mapping[str, float]]
 """One ring in one capture: its grey values in several frames, by their numbers."""
 
 _COARSE, _MIDDLE, _FINE = (0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11)
 """Frames of 1, 8 and 64 periods in the twin's sequence, a quarter of a period apart."""
 
 READINGS: dict[str, Callable[[Rings], float]] = {
-    "first_of_64": lambda ring: ring[_FINE[0]].i_avg,
-    "first_of_8": lambda ring: ring[_MIDDLE[0]].i_avg,
-    "first_of_1": lambda ring: ring[_COARSE[0]].i_avg,
-    "mean_of_64": lambda ring: sum(ring[i].i_avg for i in _FINE) / len(_FINE),
-    "p95_of_64": lambda ring: ring[_FINE[0]].i_p95,
-    "median_of_64": lambda ring: ring[_FINE[0]].i_median,
+    "first_of_64": lambda ring: ring[_FINE[0]]["i_avg"],
+    "first_of_8": lambda ring: ring[_MIDDLE[0]]["i_avg"],
+    "first_of_1": lambda ring: ring[_COARSE[0]]["i_avg"],
+    "mean_of_64": lambda ring: sum(ring[i]["i_avg"] for i in _FINE) / len(_FINE),
+    "p95_of_64": lambda ring: ring[_FINE[0]]["i_p95"],
+    "median_of_64": lambda ring: ring[_FINE[0]]["i_median"],
 }
 """A ring's brightness, grey level 0–255, by what it is called here; the study's comes first."""
 

@@ -1,22 +1,6 @@
 """The exception tree: everything exposight raises on purpose.
 
-Every message says what was expected, what came, and what to do about it. ::
-
-    ExposightError
-    ├── InputError               a value handed in by the caller cannot be right
-    │   ├── PoseError            not a rigid transform, or a rotation convention nobody named
-    │   ├── FeatureError         a feature, or a part's feature list, makes no sense
-    │   ├── SensorError          a sensor's description, or an exposure it cannot take
-    │   ├── ImageError           frames missing, truncated, differently sized or of another depth
-    │   ├── CloudError           a point cloud that is empty or malformed
-    │   └── ObservationError     a table of observations that cannot be learnt from
-    ├── FileError                a file or folder on disk
-    │   ├── MissingFileError     it is not there
-    │   ├── FormatError          it is there and is not what it should be
-    │   ├── DamagedFileError     its checksum or its length says that it was damaged
-    │   └── VersionError         it was written by a newer version of exposight
-    └── NumericalError           arithmetic that cannot go on
-        └── NotPositiveDefiniteError   a covariance matrix has no Cholesky factor
+Every message says what was expected, what came, and what to do about it.
 """
 
 from __future__ import annotations

@@ -11,20 +11,12 @@ from typing import TYPE_CHECKING, Any
 from exposight.cell import write_numbered_capture
 from exposight.errors import ExposightError, InputError, SensorError
 from exposight.measuring.record import check_record, describe, differing
-from exposight.observing import (
-    Observation,
-    ObservationTable,
-    observe_capture,
-    point_search,
-    view_features,
-)
+from exposight.observing import Observation, ObservationTable, Observer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from exposight.cell import Capture, Driver, Part
-    from exposight.geometry import RigidTransform
-    from exposight.observing import FeatureView
     from exposight.plans import MeasuringPlan, PlannedView
 
 
@@ -83,7 +75,7 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
     with _naming(task):
         check_record(folder, record_sha256)  # before the work, for whom it would be in vain
         _check_driver(task)
-    observer = _Observer(task)
+    observer = Observer(task.part, task.plan.sensor)
     for number, exposure_ms in task.captures:
         with _naming(task, exposure_ms):
             capture = _capture(task, exposure_ms)
@@ -108,7 +100,7 @@ def observe_view(task: ViewTask) -> list[Observation]:
     """
     with _naming(task):
         _check_driver(task)
-    observer = _Observer(task)
+    observer = Observer(task.part, task.plan.sensor)
     rows = []
     for _, exposure_ms in task.captures:
         with _naming(task, exposure_ms):
@@ -163,22 +155,6 @@ def _capture(task: ViewTask, exposure_ms: float) -> Capture:
         )
         raise SensorError(msg)
     return capture
-
-
-class _Observer:
-    """Observes a view's captures, which share their masks while their pose is the same."""
-
-    def __init__(self, task: ViewTask) -> None:
-        self._part, self._sensor = task.part, task.plan.sensor
-        self._pose: RigidTransform | None = None
-        self._views: tuple[FeatureView, ...] = ()
-
-    def observe(self, capture: Capture) -> list[Observation]:
-        if capture.camera_from_part != self._pose:
-            self._pose = capture.camera_from_part
-            self._views = view_features(self._part, self._sensor, capture.camera_from_part)
-        search = point_search(capture.require_cloud(), self._sensor.camera)
-        return observe_capture(capture, self._views, search)
 
 
 def _check_driver(task: ViewTask) -> None:

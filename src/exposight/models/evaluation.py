@@ -28,7 +28,6 @@ class Evaluation:
     Parameters
     ----------
     model : Predictor
-        Which model.
     table : ObservationTable
         The rows it was evaluated on.
     observed : (n,) ndarray
@@ -125,17 +124,8 @@ _MARGIN = 3.0
 def unit_remarks(model: Predictor, frame: pl.DataFrame) -> tuple[str, ...]:
     """Say which columns seem to be in another unit than the model's.
 
-    Parameters
-    ----------
-    model : Predictor
-        Knows the ranges that it was trained on, and its sensor's exposure times.
-    frame : polars.DataFrame
-        What it is asked about, or evaluated on; of its columns, those that matter are looked at.
-
-    Returns
-    -------
-    tuple of str
-        Empty where nothing is odd.
+    Judged by the ranges that it was trained on and its sensor's exposure times; empty where nothing
+    is odd. `frame` is what it is asked about, or evaluated on.
     """
     remarks = (_positions_in_metres(model, frame), _other_exposure_unit(model, frame))
     return tuple(remark for remark in remarks if remark)

@@ -317,12 +317,11 @@ def input_array(name: str, frame: pl.DataFrame) -> NDArray[np.float64]:
     name : str
         Of the model, for messages.
     frame : polars.DataFrame
-        The inputs.
+        The inputs, n rows and d columns.
 
     Returns
     -------
     (n, d) ndarray
-        In the frame's order.
 
     Raises
     ------

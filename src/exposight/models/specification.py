@@ -87,13 +87,7 @@ class ModelSpecification:
 
 
 def base_kernel(n_inputs: int) -> Kernel:
-    """Return the form k_RQ · k_CP,min · k_CP,max (Eq. 9).
-
-    Parameters
-    ----------
-    n_inputs : int
-        How many inputs it reads; the first is i_avg.
-    """
+    """Return the form k_RQ · k_CP,min · k_CP,max (Eq. 9); the first input is i_avg."""
     return (
         RationalQuadratic(
             variance=1.0,
@@ -180,13 +174,7 @@ MODELS = (*QUALITY_MODELS, *EXPOSURE_TIME_MODELS)
 
 
 def model_named(name: str) -> ModelSpecification:
-    """Return the paper's model of this name.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message lists them.
-    """
+    """Return the paper's model of this name; `InputError` lists them if there is none."""
     names = [specification.name for specification in MODELS]
     if name not in names:
         msg = f"no model '{name}'; expected one of {', '.join(names)}{did_you_mean(name, names)}"

@@ -201,7 +201,6 @@ def run_trainings(
     Parameters
     ----------
     trainings : sequence of Training
-        What to train.
     workers : int, 1 or more
         Models that are trained at the same time, each in a process of its own; 1 trains in this
         process.

@@ -13,7 +13,7 @@ from exposight.observing.masks import (
 )
 from exposight.observing.observe import (
     Campaign,
-    RingBrightness,
+    Observer,
     observe_campaign,
     observe_capture,
     open_campaign,

@@ -72,7 +72,6 @@ class FeatureView:
     Parameters
     ----------
     feature : Feature
-        The feature.
     region : HollowCylinder
         Its measured region in its own frame.
     camera_from_feature, tcp_from_feature : RigidTransform
@@ -117,15 +116,7 @@ class FeatureView:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """What a pose sees of a part.
-
-    Parameters
-    ----------
-    camera_from_part : RigidTransform
-        The pose.
-    features : tuple of FeatureView
-        Every feature of the part, also those that cannot be measured from here.
-    """
+    """What a pose sees of a part: each of its features, also those that cannot be measured."""
 
     camera_from_part: RigidTransform
     features: tuple[FeatureView, ...]
@@ -146,15 +137,7 @@ class View:
 def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
     """Return the columns of an observation table that features' poses alone decide.
 
-    Parameters
-    ----------
-    features : sequence of FeatureView
-        As a view sees them.
-
-    Returns
-    -------
-    polars.DataFrame
-        One row for each feature: ``feature``, ``n_pixels``, and what `FeatureView.pose` has.
+    A row for each feature: ``feature``, ``n_pixels``, and what `FeatureView.pose` has.
     """
     schema = {
         "feature": pl.String,
@@ -205,18 +188,13 @@ def view_features(
     Parameters
     ----------
     part : Part
-        Whose features are looked for.
+        Whose features are looked for, in its order.
     sensor : ActiveSensor
         Its first camera takes the image; its TCP is the frame of the poses.
     camera_from_part : RigidTransform
         Where the part stands.
     tolerance : RingTolerance
         Height and radii of the hollow cylinders; the paper's by default (Sect. 3.1.3).
-
-    Returns
-    -------
-    tuple of FeatureView
-        In the part's order.
     """
     regions = [feature.measured_region(tolerance) for feature in part.features]
     poses = [camera_from_part @ feature.part_from_feature for feature in part.features]

@@ -12,9 +12,9 @@ from __future__ import annotations
 import base64
 import html
 import logging
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from exposight.workers import Progress, ignore_progress
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from exposight.cell import Capture, CaptureSource, Cloud, RingTolerance
+    from exposight.cell import ActiveSensor, Capture, CaptureSource, Cloud, Part, RingTolerance
     from exposight.geometry import RigidTransform
 
 
@@ -53,7 +53,7 @@ def observe_capture(
     Parameters
     ----------
     capture : Capture
-        Stripe image, cloud and exposure time.
+        Brings image and exposure time.
     views : tuple of FeatureView
         The features as this capture's view sees them (`view_features`).
     search : PointSearch
@@ -67,6 +67,25 @@ def observe_capture(
     measured = [view for view in views if view.visibility is Visibility.VISIBLE]
     counts = dict(zip(map(id, measured), search.count(measured).tolist(), strict=True))
     return [_observe(capture, view, counts.get(id(view))) for view in views]
+
+
+class Observer:
+    """Observes captures of a part one after the other; those of one pose share their masks."""
+
+    def __init__(
+        self, part: Part, sensor: ActiveSensor, tolerance: RingTolerance = PAPER_TOLERANCE
+    ) -> None:
+        self._part, self._sensor, self._tolerance = part, sensor, tolerance
+        self._pose: RigidTransform | None = None
+        self._views: tuple[FeatureView, ...] = ()
+
+    def observe(self, capture: Capture) -> list[Observation]:
+        """Return an observation of each feature, in the part's order (`observe_capture`)."""
+        if capture.camera_from_part != self._pose:
+            self._pose = capture.camera_from_part
+            self._views = view_features(self._part, self._sensor, self._pose, self._tolerance)
+        search = point_search(capture.require_cloud(), self._sensor.camera)
+        return observe_capture(capture, self._views, search)
 
 
 def observe_campaign(
@@ -85,11 +104,6 @@ def observe_campaign(
     progress : Progress
         Receives the captures that are observed.
 
-    Returns
-    -------
-    ObservationTable
-        A row for each feature and capture.
-
     Raises
     ------
     CloudError
@@ -98,18 +112,13 @@ def observe_campaign(
         without any point is an observation like others: its p_norm is 0.)
     """
     rows: list[Observation] = []
-    views: tuple[FeatureView, ...] = ()
-    seen_from = None
+    observer = Observer(campaign.part, campaign.sensor, tolerance)
     some_cloud: Cloud | None = None
     for done, capture in enumerate(campaign.captures(), start=1):
-        if capture.camera_from_part != seen_from:  # exposures of one view share its masks
-            seen_from = capture.camera_from_part
-            views = view_features(campaign.part, campaign.sensor, seen_from, tolerance)
         cloud = capture.require_cloud()
         if some_cloud is None and cloud.n_valid:
             some_cloud = cloud
-        search = point_search(cloud, campaign.sensor.camera)
-        rows.extend(observe_capture(capture, views, search))
+        rows.extend(observer.observe(capture))
         progress("observing", done, len(campaign))
     if rows and some_cloud is None:
         msg = (
@@ -157,44 +166,32 @@ def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Obser
     )
     if n_points is None:
         return row
-    brightness = ring_brightness(capture, view.rows, view.columns)
-    p_norm, n_pixels = n_points / view.n_pixels, view.n_pixels
-    return replace(row, p_norm=p_norm, n_points=n_points, n_pixels=n_pixels, **asdict(brightness))
-
-
-@dataclass(frozen=True, kw_only=True)
-class RingBrightness:
-    """Statistics of a ring's grey values on the 8-bit scale 0–255, whatever the image's depth.
-
-    Parameters
-    ----------
-    i_avg : float
-        Mean: the paper's local light intensity.
-    i_std, i_median, i_p05, i_p95 : float
-        Standard deviation, median, 5th and 95th percentile.
-    clipped_share : float
-        Share of pixels at full scale, 0–1.
-    """
-
-    i_avg: float
-    i_std: float
-    i_median: float
-    i_p05: float
-    i_p95: float
-    clipped_share: float
+    return replace(
+        row,
+        p_norm=n_points / view.n_pixels,
+        n_points=n_points,
+        n_pixels=view.n_pixels,
+        **ring_brightness(capture, view.rows, view.columns),
+    )
 
 
 def ring_brightness(
     capture: Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
-) -> RingBrightness:
-    """Measure the grey values of a mask's pixels.
+) -> dict[str, Any]:
+    """Measure the grey values of a mask's pixels in the stripe image.
 
     Parameters
     ----------
     capture : Capture
-        Its stripe image is read.
     rows, columns : (n,) ndarray of int, n ≥ 1
         The mask's pixels.
+
+    Returns
+    -------
+    dict of str to float
+        ``i_avg``, the paper's local light intensity, ``i_std``, ``i_median``, ``i_p05``, ``i_p95``
+        on the 8-bit scale 0–255, whatever the image's depth, and ``clipped_share``: columns of an
+        observation table.
     """
     full_scale = capture.full_scale
     histogram = np.bincount(capture.image[rows, columns], minlength=full_scale + 1)
@@ -204,14 +201,14 @@ def ring_brightness(
     n = rows.size
     mean = float(counts @ grey) / n
     p05, median, p95 = _percentiles(grey, counts, (5.0, 50.0, 95.0))
-    return RingBrightness(
-        i_avg=mean,
-        i_std=float(np.sqrt(counts @ (grey - mean) ** 2 / n)),
-        i_median=median,
-        i_p05=p05,
-        i_p95=p95,
-        clipped_share=float(histogram[full_scale]) / n,
-    )
+    return {
+        "i_avg": mean,
+        "i_std": float(np.sqrt(counts @ (grey - mean) ** 2 / n)),
+        "i_median": median,
+        "i_p05": p05,
+        "i_p95": p95,
+        "clipped_share": float(histogram[full_scale]) / n,
+    }
 
 
 def _percentiles(
@@ -243,13 +240,7 @@ class Campaign(CampaignFolder):
         return observe_campaign(self, tolerance, progress)
 
     def view(self, camera_from_part: RigidTransform) -> View:
-        """Return what the sensor sees of the part from a pose, measured or not.
-
-        Parameters
-        ----------
-        camera_from_part : RigidTransform
-            The pose of the part in the frame of the sensor's first camera.
-        """
+        """Return what the sensor sees of the part from a pose, measured or not."""
         features = view_features(self.part, self.sensor, camera_from_part)
         return View(camera_from_part=camera_from_part, features=features)
 
@@ -271,11 +262,6 @@ class Campaign(CampaignFolder):
 
 def open_campaign(path: str | Path) -> Campaign:
     """Open a campaign's folder.
-
-    Parameters
-    ----------
-    path : path
-        The folder, as the simulated cell or a measurement wrote it.
 
     Raises
     ------

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, fields
 from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
-import numpy as np
 import polars as pl
 
-from exposight.errors import FormatError, ObservationError
+from exposight.errors import ExposightError, FormatError, ObservationError
 from exposight.files import unit_hint
 from exposight.observing.masks import Visibility
 from exposight.quantities import QUANTITIES
@@ -104,13 +103,7 @@ _P_NORM_MAX = 10.0
 
 
 def check_names(names: Sequence[str], required: Sequence[str] = ()) -> None:
-    """Check that required columns are there, and no unknown one is a known one misspelt.
-
-    Raises
-    ------
-    FormatError
-        Otherwise.
-    """
+    """Check that required columns are there, and no unknown one is a known one misspelt."""
     check_columns_present(names, required)
     absent = [name for name in SCHEMA if name not in names]
     for name in names:
@@ -196,36 +189,23 @@ def complete(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def cast_known(frame: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
-    """Give columns the types that they must have, or name the first value that has another."""
+    """Give columns the types that they must have; `FormatError` names the first wrong value."""
+    for name in names:
+        if frame.schema[name] == pl.String and SCHEMA[name].is_numeric():
+            unreadable = frame[name].cast(SCHEMA[name], strict=False).is_null()
+            wrong = frame[name].is_not_null() & unreadable
+            commas = frame[name].filter(wrong).str.contains(",").any()
+            expected = f"numbers{' (write a point as decimal separator)' if commas else ''}"
+            _refuse(frame[name], wrong, expected, FormatError)
     try:
         return frame.select(pl.col(name).cast(SCHEMA[name]) for name in names)
     except pl.exceptions.PolarsError as error:
         msg = f"a column has values of the wrong type: {str(error).splitlines()[0]}"
-        for name in names:
-            if frame.schema[name] == pl.String and SCHEMA[name].is_numeric():
-                numbers = frame[name].cast(SCHEMA[name], strict=False)
-                wrong = frame[name].is_not_null() & numbers.is_null()
-                if wrong.any():
-                    row = int(np.flatnonzero(wrong.to_numpy())[0])
-                    value = frame[name][row]
-                    msg = (
-                        f"values of the wrong type: column '{name}' needs numbers, row {row + 1} "
-                        f"after the header has '{value}'"
-                    )
-                    if "," in value:
-                        msg += "; write a point as decimal separator"
-                    break
         raise FormatError(msg) from error
 
 
 def check_frame(frame: pl.DataFrame) -> None:
-    """Check a table's columns, and that values are where they must be and within what they can be.
-
-    Raises
-    ------
-    ObservationError
-        Otherwise.
-    """
+    """Check a table's columns, and that each value that must be there is, and can be."""
     schema = tuple(frame.schema.items())
     if schema[: len(SCHEMA)] != tuple(SCHEMA.items()):
         msg = (
@@ -262,15 +242,17 @@ def check_frame(frame: pl.DataFrame) -> None:
     _refuse(frame["visibility"], unknown, f"one of {', '.join(map(repr, reasons))}")
 
 
-def _refuse(column: pl.Series, bad: pl.Series, expected: str) -> None:
+def _refuse(
+    column: pl.Series, bad: pl.Series, expected: str, error: type[ExposightError] = ObservationError
+) -> None:
     """Refuse a column where `bad` is true; where it is null, there is no value to judge."""
-    rows = np.flatnonzero(bad.fill_null(value=False).to_numpy())
-    if rows.size == 0:
+    rows = bad.arg_true()
+    if rows.is_empty():
         return
-    value = column[int(rows[0])]
+    value = column[rows[0]]
     msg = (
         f"column '{column.name}' needs {expected}; row {rows[0] + 1} after the header "
-        f"{'is empty' if value is None else f'has {value}'} ({rows.size} of {len(column)} "
-        f"row{'' if len(column) == 1 else 's'} {'is' if rows.size == 1 else 'are'} wrong)"
+        f"{'is empty' if value is None else f'has {value!r}'} ({len(rows)} of {len(column)} "
+        f"row{'' if len(column) == 1 else 's'} {'is' if len(rows) == 1 else 'are'} wrong)"
     )
-    raise ObservationError(msg)
+    raise error(msg)

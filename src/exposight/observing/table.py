@@ -165,10 +165,6 @@ class ObservationTable:
         seed : int
             Random seed of the draw.
 
-        Returns
-        -------
-        train, test : ObservationTable
-
         Raises
         ------
         InputError
@@ -184,43 +180,32 @@ class ObservationTable:
             msg = "the table has no rows, so there is nothing to split"
             raise ObservationError(msg)
         rng = np.random.default_rng(seed)
-        groups = np.arange(len(self)) if by == "row" else self.names(by).astype(str)
-        number_of_groups = len(set(groups.tolist()))
         try:
             if by == "row":
-                sides = random_split(number_of_groups, share, rng)
+                sides = random_split(len(self), share, rng)
             else:
-                sides = split_by_group(groups, share, rng)
+                sides = split_by_group(self.names(by).astype(str), share, rng)
         except ObservationError as error:
+            groups = counted(len(self) if by == "row" else self.frame[by].n_unique(), by)
             msg = (
-                f"a share of {share:g} of {counted(number_of_groups, by)} leaves no {by} to train "
-                "or none to test; choose another share, or split by something else"
+                f"a share of {share:g} of {groups} leaves no {by} to train or none to test; choose "
+                "another share, or split by something else"
             )
             raise ObservationError(msg) from error
-        parts = [
+        train, test = (
             ObservationTable(frame=self.frame[rows], checked=True)
             for rows in (sides.train, sides.test)
-        ]
-        for side, part in zip(sides._fields, parts, strict=True):
-            if len(part.measured()) == 0:
+        )
+        for side, table in (("train", train), ("test", test)):
+            if len(table.measured()) == 0:
                 msg = (
                     f"the rows to {side} hold no measured observation; choose another seed or share"
                 )
                 raise ObservationError(msg)
-        return parts[0], parts[1]
+        return train, test
 
     def array(self, columns: Sequence[str]) -> NDArray[np.float64]:
-        """Return numeric columns as an array.
-
-        Parameters
-        ----------
-        columns : sequence of str
-            Names, for instance ``("i_avg", "x_mm")``.
-
-        Returns
-        -------
-        (n, len(columns)) ndarray
-            In the columns' units; NaN where a row has no value.
+        """Return numeric columns as an array, (n, len(columns)); NaN where a row has no value.
 
         Raises
         ------
@@ -305,15 +290,10 @@ class ObservationTable:
 
 
 def read_observations(path: str | Path) -> ObservationTable:
-    """Read and check an observation table.
+    """Read and check an observation table, CSV or Parquet.
 
     Columns up to ``radius_mm`` must be there; the other known ones may be missing, and further
     ones are kept (`ObservationTable.from_frame`).
-
-    Parameters
-    ----------
-    path : path
-        CSV or Parquet.
 
     Raises
     ------

@@ -55,13 +55,7 @@ _SCORES = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelScores:
-    """How well models predict observations; prints as a table.
-
-    Parameters
-    ----------
-    evaluations : tuple of Evaluation
-        One for each model.
-    """
+    """How well models predict observations, one evaluation for each; prints as a table."""
 
     evaluations: tuple[Evaluation, ...]
 
@@ -188,12 +182,7 @@ class SensorModels:
         return SensorModels(quality=quality, exposure=exposure)
 
     def save(self, folder: str | Path) -> tuple[Path, Path]:
-        """Write both models into a folder, which is made if it is not there.
-
-        Returns
-        -------
-        quality, exposure : Path
-            The model files.
+        """Write both models into a folder, made if it is not there, and return their files.
 
         Raises
         ------
@@ -201,12 +190,12 @@ class SensorModels:
             If they cannot be written.
         """
         folder = make_folder(Path(folder), "the models")
-        paths = tuple(
+        quality, exposure = (
             folder / f"{model.name}{MODEL_SUFFIX}" for model in (self.quality, self.exposure)
         )
-        for path, model in zip(paths, (self.quality, self.exposure), strict=True):
-            save_model(path, model)
-        return paths[0], paths[1]
+        save_model(quality, self.quality)
+        save_model(exposure, self.exposure)
+        return quality, exposure
 
     @classmethod
     def load(cls, folder: str | Path) -> SensorModels:
