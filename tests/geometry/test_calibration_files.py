@@ -98,7 +98,10 @@ def test_windows_line_ends_do_not_matter(tmp_path):
 def test_a_projector_given_by_its_pose_comes_back_from_its_file(tmp_path):
     pose = PROJECTOR_FROM_CAMERA.inverse()
     path = tmp_path / "calibration.yml"
-    path.write_text(ProjectorCamera.from_pose(CAMERA, PROJECTOR, pose).to_slstudio())
+    rig = ProjectorCamera(
+        camera=CAMERA, projector=PROJECTOR, projector_from_camera=PROJECTOR_FROM_CAMERA
+    )
+    path.write_text(rig.to_slstudio())
     calibration = read_projector_camera(path)
     assert (calibration.camera, calibration.projector.fx) == (CAMERA, PROJECTOR.fx)
     # the projector stands where its pose says, and its optical centre is its frame's origin

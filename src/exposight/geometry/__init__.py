@@ -10,14 +10,14 @@ from exposight.geometry.calibration_files import (
     read_ros_camera_info,
 )
 from exposight.geometry.cameras import PinholeCamera
-from exposight.geometry.coverage import (
+from exposight.geometry.cylinders import (
+    HollowCylinder,
     PixelBox,
     count_points_inside,
     outlines_in_camera,
     pixel_boxes,
     ring_pixels,
 )
-from exposight.geometry.cylinders import HollowCylinder
 from exposight.geometry.poses import (
     RigidTransform,
     check_points,

@@ -95,17 +95,6 @@ class ProjectorCamera:
         """The projector's pose in the camera's frame, as sensors hold it."""
         return self.projector_from_camera.inverse()
 
-    @classmethod
-    def from_pose(
-        cls, camera: PinholeCamera, projector: PinholeCamera, camera_from_projector: RigidTransform
-    ) -> ProjectorCamera:
-        """Describe a projector by its pose in the camera's frame."""
-        return cls(
-            camera=camera,
-            projector=projector,
-            projector_from_camera=camera_from_projector.inverse(),
-        )
-
     def to_slstudio(self) -> str:
         """Write an OpenCV YAML file that names its nodes as SLStudio does."""
         keys = KNOWN_KEYS["slstudio"]

@@ -134,7 +134,9 @@ def rings(scene):
         from_feature = np.abs(centres[:, :2] - feature.part_from_feature.translation_mm[:2])
         near = np.flatnonzero(from_feature.max(axis=1) < feature.radius_mm + 6)
         local = feature.part_from_feature.inverse().apply(centres[near])
-        on_ring = feature.measured_region().contains(local) & (np.abs(local[:, 2]) < 0.6)
+        region, across = feature.measured_region(), np.linalg.norm(local[:, :2], axis=1)
+        on_ring = (region.inner_mm <= across) & (across <= region.outer_mm)
+        on_ring &= np.abs(local[:, 2]) < 0.6
         found[feature.name] = near[on_ring], local[on_ring, 2]
     return found
 

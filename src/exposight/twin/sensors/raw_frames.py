@@ -53,7 +53,9 @@ def meaning_of_frames(
     )
     text = header + sequence_to_toml(replace(sequence, file_pattern=FRAME_PATTERN))
     projector = projector_of(sensor)
-    rig = ProjectorCamera.from_pose(
-        sensor.camera, projector.camera, projector.camera_from_projector
+    rig = ProjectorCamera(
+        camera=sensor.camera,
+        projector=projector.camera,
+        projector_from_camera=projector.camera_from_projector.inverse(),
     )
     return {SEQUENCE_FILE: text.encode(), CALIBRATION_FILE: rig.to_slstudio().encode()}
