@@ -17,7 +17,7 @@ from exposight.cell import Cloud
 from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.geometry import PixelBox
-from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
+from exposight.geometry.cameras import distort_point
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,7 +78,6 @@ def triangulate(
     _check_sizes(decoded, camera, projector, window)
     near_mm, far_mm = _check_limits(depth_limits_mm, max_residual_px)
     none = np.empty((0, 0))
-    coefficients = projector.coefficients
     points = np.empty((*decoded.image_shape, 3), dtype=np.float32)
     _intersect(
         camera.rays()[window.top : window.bottom, window.left : window.right],
@@ -87,9 +86,9 @@ def triangulate(
         np.ascontiguousarray(projector_from_camera.rotation),
         np.ascontiguousarray(projector_from_camera.translation_mm),
         projector.matrix,
-        projector.matrix @ tilt_matrix(coefficients),
-        coefficients,
-        radius_limit(coefficients),
+        projector.image_from_distorted,
+        projector.coefficients,
+        projector.radius_limit,
         near_mm,
         far_mm,
         max_residual_px,

@@ -21,7 +21,7 @@ import numpy as np
 
 from exposight.compiled import njit
 from exposight.errors import SensorError
-from exposight.geometry.distortion import distort_point, radius_limit, tilt_matrix
+from exposight.geometry.cameras import distort_point
 from exposight.twin.light.tracing import MISS_MM
 from exposight.twin.part.surfaces import (
     GRAIN_RMS,
@@ -111,16 +111,15 @@ def lamp_of(sensor: ActiveSensor, camera_from_part: RigidTransform, lens: Projec
     focus_mm = float(tcp[2]) if lens.focus_mm is None else lens.focus_mm
     projector_from_part = projector_from_camera @ camera_from_part
     camera = sensor.projector.camera
-    k = camera.coefficients
     return Lamp(
         centre_mm=projector_from_part.inverse().translation_mm,
         rotation=np.ascontiguousarray(projector_from_part.rotation),
         translation_mm=projector_from_part.translation_mm,
-        image_from_distorted=np.ascontiguousarray(camera.matrix @ tilt_matrix(k)),
-        coefficients=k,
+        image_from_distorted=camera.image_from_distorted,
+        coefficients=camera.coefficients,
         numbers=np.array(
             [
-                radius_limit(k),
+                camera.radius_limit,
                 camera.width,
                 camera.height,
                 lens.sharp_blur_px,
