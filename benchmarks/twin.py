@@ -24,7 +24,7 @@ from exposight.measuring import measure, measure_observations
 from exposight.observing import ObservationTable
 from exposight.plans import DepthPlane, MeasuringPlan, PlannedView, plan_preset, view_seed
 from exposight.twin import SimulatedCell
-from exposight.twin.light import SceneTracer
+from exposight.twin.light import SceneTracer, trace_view
 from exposight.twin.part import FINISHES, Scene, door, export_scene
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors import CameraElectronics, DotSensor, StripeSensor, expose
@@ -108,7 +108,8 @@ def _depth_errors(
         lambda t: stripes.capture(light, t, view=view.name, seed=_seed(view, t)),
         view.exposures_ms,
     )
-    error: NDArray[np.float32] = best.require_cloud().points[..., 2] - light.true_depth_mm[0]
+    (true,) = trace_view(tracer, stripes.sensor, view.camera_from_part).tiles
+    error: NDArray[np.float32] = best.require_cloud().points[..., 2] - true.depth_mm
     error = error[np.isfinite(error)]
     say(
         f"  {view.name}, {best.exposure_ms:g} ms: {error.size} points, median "
@@ -194,8 +195,9 @@ def stereo(part: Part, tracer: SceneTracer) -> list[Figure]:
     light = dots.look(tracer, view.camera_from_part)
     best = _fullest(take, view.exposures_ms)
     took_s = (time.perf_counter() - start) / len(view.exposures_ms)
-    there = np.abs(light.true_depth_mm - _STEREO_AT_MM) <= _STEREO_REACH_MM
-    error = (best.require_cloud().points[..., 2] - light.true_depth_mm)[there]
+    (true,) = trace_view(tracer, sensor, view.camera_from_part).tiles
+    there = np.abs(true.depth_mm - _STEREO_AT_MM) <= _STEREO_REACH_MM
+    error = (best.require_cloud().points[..., 2] - true.depth_mm)[there]
     measured = error[np.isfinite(error)]
     say(
         f"  {best.exposure_ms:g} ms: {measured.size} points in {error.size} px, "
@@ -264,10 +266,10 @@ def take_flat_fields(electronics: CameraElectronics) -> FlatFields:
 def _pair(electronics: CameraElectronics, exposure_ms: float, number: int) -> NDArray[np.float64]:
     """Return two images (2, rows, columns) of the same flat field."""
     radiance = electronics.full_well_e / (electronics.electrons_per_ms * _SATURATION_MS)
-    flat = np.full((2, _SIDE_PX, _SIDE_PX), radiance, dtype=np.float32)
-    return expose(flat, exposure_ms, electronics, noise_key=stream_key(_SEED, number)).astype(
-        np.float64
-    )
+    flat = np.full((_SIDE_PX, _SIDE_PX), radiance, dtype=np.float32)
+    frames = np.zeros((2, 2), dtype=np.int64), np.zeros((2, 2), dtype=np.float32)
+    light, key = (flat, flat[None], flat[None]), stream_key(_SEED, number)
+    return expose(light, frames, exposure_ms, electronics, noise_key=key).astype(np.float64)
 
 
 def main() -> None:

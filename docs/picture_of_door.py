@@ -65,17 +65,17 @@ def _shaded(scene: Scene, tracer: SceneTracer, side: _Side) -> NDArray[np.float6
     origins = origins.reshape(-1, 3).astype(np.float32)
     directions = np.zeros_like(origins)
     directions[:, 2] = side.look
-    hits = tracer.first_hits(origins, directions)
-    met = hits.distance < MISS_MM
-    faces = np.where(met, hits.face, 0)
+    distance, face, u, v, _ = tracer.first_hits(origins, directions)
+    met = distance < MISS_MM
+    faces = np.where(met, face, 0)
     corners = scene.normals()[scene.faces[faces]]
-    weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v], axis=-1)
+    weights = np.stack([1 - u - v, u, v], axis=-1)
     normal = np.einsum("nij,ni->nj", corners, weights)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
 
     lamp = np.array([-0.62 * side.across, -0.55, -0.56 * side.look])  # from the upper left
     lamp /= np.linalg.norm(lamp)
-    points = origins + directions * np.where(met, hits.distance, 0.0)[:, None]
+    points = origins + directions * np.where(met, distance, 0.0)[:, None]
     points += 0.05 * normal
     towards = np.broadcast_to(200.0 * lamp, points.shape)
     dark = tracer.blocked(points.astype(np.float32), towards.astype(np.float32))

@@ -18,7 +18,7 @@ from exposight.cell import Capture, Part, sensor_preset
 from exposight.errors import InputError
 from exposight.plans import view_seed
 from exposight.twin.cell_settings import SimulatedCellSettings, draw_alignment
-from exposight.twin.light import LightModel, SceneTracer
+from exposight.twin.light import LightModel, SceneTracer, projector_of
 from exposight.twin.part import FINISHES, door, read_scene
 from exposight.twin.sensors import (
     DOT_ELECTRONICS,
@@ -27,10 +27,7 @@ from exposight.twin.sensors import (
     CameraElectronics,
     DotSensor,
     StripeSensor,
-    default_sequence,
     fringe_sequence,
-    meaning_of_frames,
-    projector_of,
     ring_boxes,
 )
 
@@ -151,7 +148,7 @@ class SimulatedCell:
         """Return what the raw frames of structured light mean, as files by name."""
         model = self._model
         if self.settings.raw_frames and isinstance(model, StripeSensor):
-            return meaning_of_frames(self.sensor, model.sequence, model.limits)
+            return model.meaning_of_frames()
         return {}
 
     def alignment(self, view: str) -> Alignment:
@@ -314,9 +311,7 @@ def _sensor_model(
         return DotSensor(
             sensor=sensor, light=light, electronics=electronics, depth_limits_mm=depths_mm
         )
-    sequence = settings.sequence or default_sequence(projector)
-    if settings.fringes:
-        sequence = fringe_sequence(settings.fringes, projector)
+    sequence = settings.sequence or fringe_sequence(settings.fringes or (1, 8, 64), projector)
     return StripeSensor(sensor=sensor, light=light, electronics=electronics, sequence=sequence)
 
 

@@ -64,7 +64,7 @@ def test_radiance_of_a_matt_sheet_has_its_closed_form(plate, small_sensor, befor
 def test_true_depth_is_that_of_the_sheet(plate, small_sensor, before) -> None:
     pose = before()
     view = trace_view(SceneTracer(plate("primer")), small_sensor, pose, model=_matt_model())
-    depth = view.true_depth_mm()
+    depth = view.tiles[0].depth_mm
     rows, columns = np.nonzero(np.isfinite(depth))
     pixels = np.stack([columns, rows], axis=-1)
     points = small_sensor.camera.back_project(pixels, depth[rows, columns])
@@ -269,16 +269,6 @@ def test_a_view_that_sees_nothing_is_refused(plate, small_sensor) -> None:
 def test_a_sensor_without_projector_is_refused(plate, small_sensor, before) -> None:
     with pytest.raises(SensorError, match="has no projector"):
         trace_view(SceneTracer(plate("primer")), replace(small_sensor, projector=None), before())
-
-
-def test_a_camera_that_is_not_there_is_refused(plate, small_sensor, before) -> None:
-    with pytest.raises(SensorError, match="has 1 cameras, got index 1"):
-        trace_view(SceneTracer(plate("primer")), small_sensor, before(), camera_index=1)
-
-
-def test_an_unknown_lighting_is_refused() -> None:
-    with pytest.raises(InputError, match="lighting must be one of I, II, III"):
-        LightModel(lighting="IV")
 
 
 def test_impossible_lenses_are_refused() -> None:

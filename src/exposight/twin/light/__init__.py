@@ -2,9 +2,11 @@
 
 from exposight.twin.light.optics import (
     AMBIENT_SHARE,
+    MISS_MM,
     CameraLens,
     Lighting,
     ProjectorLens,
+    SceneTracer,
+    projector_of,
 )
-from exposight.twin.light.tracing import MISS_MM, SceneTracer
 from exposight.twin.light.view_light import LightModel, TileLight, ViewLight, trace_view

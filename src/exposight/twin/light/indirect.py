@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from exposight.twin.light.optics import SceneTracer
     from exposight.twin.light.shading import Lamp, LitHits
-    from exposight.twin.light.tracing import SceneTracer
     from exposight.twin.part import Finish, Surface
 
 

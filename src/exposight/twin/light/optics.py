@@ -1,4 +1,8 @@
-"""Lenses and lamps: how the projector throws its pattern, how the camera's lens gathers light."""
+"""Lenses and lamps, and where rays meet a scene.
+
+Rays are traced by Embree. `embreex` is called directly: it answers with distance, normal and place
+in the triangle at once, five times quicker than through trimesh.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 
 from exposight.errors import SensorError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from exposight.cell import ActiveSensor, Projector
+    from exposight.twin.part import Scene
+
 
 Lighting = Literal["I", "II", "III"]
 """Scenarios of Sect. 4.1 of the paper: I closed cell, II its LED on, III cell open to the hall."""
@@ -96,3 +111,74 @@ class CameraLens:
                 f"or more, got {self}"
             )
             raise SensorError(msg)
+
+
+MISS_MM = 1e30
+"""Distances beyond this mean that the ray met nothing: Embree answers 1e37."""
+
+
+def projector_of(sensor: ActiveSensor) -> Projector:
+    """Return a sensor's projector.
+
+    Raises
+    ------
+    SensorError
+        If its document has none.
+    """
+    if sensor.projector is None:
+        msg = f"sensor {sensor.name!r} has no projector; the simulated cell needs one"
+        raise SensorError(msg)
+    return sensor.projector
+
+
+class SceneTracer:
+    """A scene made ready for rays: build it once, trace many views.
+
+    Parameters
+    ----------
+    scene : Scene
+        What light falls on.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.faces = scene.faces
+        self.face_finish = scene.face_finish
+        self.vertex_normals = np.ascontiguousarray(scene.normals(), dtype=np.float32)
+        self._embree = EmbreeScene()
+        vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)
+        self._mesh = TriangleMesh(self._embree, vertices, scene.faces)
+
+    def first_hits(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Find what n rays meet first.
+
+        Parameters
+        ----------
+        origins, directions : (n, 3) ndarray of float32, mm
+            In the part's frame; a direction need not have length 1. One of length 0 meets
+            nothing; NaN must be kept out.
+
+        Returns
+        -------
+        distance : (n,) ndarray of float32
+            In units of the ray's direction; above `MISS_MM` where nothing is met.
+        face : (n,) ndarray of int32
+            The triangle, −1 where nothing is met.
+        u, v : (n,) ndarray of float32
+            Barycentric coordinates of its second and third corner.
+        normal : (n, 3) ndarray of float32
+            Its normal, not normalised.
+        """
+        hits = self._embree.run(origins, directions, output=1)
+        return hits["tfar"], hits["primID"], hits["u"], hits["v"], hits["Ng"]
+
+    def blocked(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> NDArray[np.bool_]:
+        """Tell which (n,) rays meet something before the end of their direction vectors."""
+        if not len(origins):
+            return np.zeros(0, dtype=np.bool_)
+        ends = np.full(len(origins), 0.9999, dtype=np.float32)
+        face = self._embree.run(origins, directions, dists=ends, query="OCCLUDED")
+        return np.asarray(face != -1)

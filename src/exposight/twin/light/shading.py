@@ -22,7 +22,7 @@ import numpy as np
 from exposight.compiled import njit
 from exposight.errors import SensorError
 from exposight.geometry.cameras import distort_point
-from exposight.twin.light.tracing import MISS_MM
+from exposight.twin.light.optics import MISS_MM, projector_of
 from exposight.twin.part.surfaces import (
     GRAIN_RMS,
     Vector,
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 
     from exposight.cell import ActiveSensor
     from exposight.geometry import RigidTransform
-    from exposight.twin.light.optics import ProjectorLens
-    from exposight.twin.light.tracing import SceneTracer
+    from exposight.twin.light.optics import ProjectorLens, SceneTracer
     from exposight.twin.part import Finish, Surface
 
 
@@ -100,17 +99,15 @@ def lamp_of(sensor: ActiveSensor, camera_from_part: RigidTransform, lens: Projec
     SensorError
         If the sensor has no projector, or its TCP is behind the projector.
     """
-    if sensor.projector is None:
-        msg = f"sensor {sensor.name!r} has no projector, and nothing else lights the scene; add one"
-        raise SensorError(msg)
-    projector_from_camera = sensor.projector.camera_from_projector.inverse()
+    projector = projector_of(sensor)
+    projector_from_camera = projector.camera_from_projector.inverse()
     tcp = (projector_from_camera @ sensor.camera_from_tcp).translation_mm
     if tcp[2] <= 0:
         msg = f"sensor {sensor.name!r}: its TCP must be in front of the projector"
         raise SensorError(msg)
     focus_mm = float(tcp[2]) if lens.focus_mm is None else lens.focus_mm
     projector_from_part = projector_from_camera @ camera_from_part
-    camera = sensor.projector.camera
+    camera = projector.camera
     return Lamp(
         centre_mm=projector_from_part.inverse().translation_mm,
         rotation=np.ascontiguousarray(projector_from_part.rotation),
@@ -187,10 +184,10 @@ def light_along_rays(
         False for the smooth mean of every surface.
     """
     n = len(origins)
-    hits = tracer.first_hits(origins, directions)
+    distance, face, u, v, normal = tracer.first_hits(origins, directions)
     numbers = np.empty((5, n), dtype=np.float32)
     lit = LitHits(
-        distance=hits.distance,
+        distance=distance,
         radiance=numbers[0],
         column=numbers[1],
         row=numbers[2],
@@ -204,8 +201,8 @@ def light_along_rays(
     _light(
         origins,
         directions,
-        hits.distance,
-        (hits.face, hits.u, hits.v, hits.normal),
+        distance,
+        (face, u, v, normal),
         (tracer.faces, tracer.vertex_normals, tracer.face_finish),
         surface_table(surfaces),
         with_grain,

@@ -89,10 +89,6 @@ class Scene:
         Mean of the adjoining triangles' normals, each weighted by its angle at the vertex, so that
         it does not matter into how many triangles a flat part is cut.
         """
-        return self._vertex_normals
-
-    @cached_property
-    def _vertex_normals(self) -> NDArray[np.float64]:
         face_normals = np.nan_to_num(self.face_normals())
         corners = self.vertices[self.faces]
         total = np.zeros_like(self.vertices)
@@ -185,11 +181,9 @@ def _open_fault(faces: NDArray[np.int32], n_vertices: int) -> str:
 
 
 def _check_on_mesh(scene: Scene, feature: Feature) -> None:
-    origin = feature.part_from_feature.translation_mm
-    size = feature
-    across = max(size.radius_mm, (size.length_mm or 0.0) / 2, (size.width_mm or 0.0) / 2)
-    reach = across + _REACH_MM
-    offset = scene.vertices - origin
+    sides_mm = (feature.length_mm or 0.0, feature.width_mm or 0.0)
+    reach = max(feature.radius_mm, max(sides_mm) / 2) + _REACH_MM
+    offset = scene.vertices - feature.part_from_feature.translation_mm
     distance = float(np.sqrt(np.einsum("ij,ij->i", offset, offset).min()))
     if distance > reach:
         msg = (
@@ -202,7 +196,6 @@ def _check_on_mesh(scene: Scene, feature: Feature) -> None:
 
 MESH_FILE, FEATURES_FILE, SENSOR_FILE = "door.ply", "features.csv", "sensor.json"
 
-_VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", (3,)), ("finish", "u1")])
 
 
@@ -301,5 +294,5 @@ def _ply(scene: Scene) -> bytes:
     faces["count"] = 3
     faces["corners"] = scene.faces
     faces["finish"] = scene.face_finish
-    vertices = np.ascontiguousarray(scene.vertices, dtype="<f8").view(_VERTEX)
+    vertices = np.ascontiguousarray(scene.vertices, dtype="<f8")
     return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()

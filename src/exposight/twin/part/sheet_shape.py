@@ -317,8 +317,7 @@ class PressProfile:
     @property
     def _straight_mm(self) -> float:
         wall = math.radians(self.wall_deg)
-        arcs = 2 * self.bend_mm * (1 - math.cos(wall))
-        return (abs(self.depth_mm) - arcs) / math.tan(wall)
+        return (abs(self.depth_mm) - 2 * self._arc_drop_mm) / math.tan(wall)
 
     @property
     def width_mm(self) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from types import MappingProxyType
 from typing import Literal
 
@@ -125,28 +125,12 @@ SURFACES: Mapping[Finish, Surface] = MappingProxyType(
 )
 """What each finish is made of, the only place with these numbers."""
 
-N_PARAMETERS = 7
-
 
 def surface_table(
     surfaces: Mapping[Finish, Surface] = SURFACES,
 ) -> NDArray[np.float64]:
     """Pack surfaces into a (finishes, 7) table in the order of `FINISHES`, for compiled loops."""
-    rows = [surfaces[finish] for finish in FINISHES]
-    return np.array(
-        [
-            (
-                s.diffuse_albedo,
-                s.mirror_reflectance,
-                s.alpha_along,
-                s.alpha_across,
-                s.grain_contrast,
-                s.normal_noise_rad,
-                s.grain_stretch,
-            )
-            for s in rows
-        ]
-    )
+    return np.array([astuple(surfaces[finish]) for finish in FINISHES])
 
 
 # -- reflectance ------------------------------------------------------------------------------

@@ -10,11 +10,7 @@ from exposight.twin.sensors.active_stereo import (
 from exposight.twin.sensors.exposure import CameraElectronics, expose
 from exposight.twin.sensors.patterns import (
     DotPattern,
-    default_sequence,
     fringe_sequence,
     image_frame,
-    projector_of,
 )
-from exposight.twin.sensors.raw_frames import meaning_of_frames
-from exposight.twin.sensors.stripes import StripeLight
-from exposight.twin.sensors.structured_light import LIMITS, StripeSensor, ring_boxes
+from exposight.twin.sensors.structured_light import LIMITS, StripeLight, StripeSensor, ring_boxes

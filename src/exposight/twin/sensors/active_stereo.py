@@ -6,7 +6,7 @@ point where either image is clipped or shows too little texture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,11 @@ import numpy as np
 from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
 from exposight.imaging.rectification import RectifiedPair, rectify
-from exposight.imaging.stereo import StereoLimits, match_pair
-from exposight.twin.light import LightModel, ProjectorLens, trace_view
+from exposight.imaging.stereo import match_pair
+from exposight.twin.light import LightModel, ProjectorLens, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
-from exposight.twin.sensors.exposure import CameraElectronics, expose, spread_by_lens
-from exposight.twin.sensors.patterns import DotPattern, projector_of, render_dots, slide_radiance
-from exposight.twin.sensors.raw_frames import frame_files
+from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
+from exposight.twin.sensors.patterns import DotPattern, render_dots, slide_radiance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,13 +62,10 @@ class DotLight:
         Where the part stands, seen from the first camera.
     radiance : (ndarray, ndarray), each (rows, columns) of float32, 1/mm²
         Behind the lens of the first and the second camera.
-    true_depth_mm : (rows, columns) ndarray of float32, mm
-        Z behind the first camera's pixels, NaN where nothing is.
     """
 
     camera_from_part: RigidTransform
     radiance: tuple[NDArray[np.float32], NDArray[np.float32]]
-    true_depth_mm: NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,10 +82,6 @@ class DotSensor:
         Lenses, lighting, surfaces.
     electronics : CameraElectronics
         Of the first camera; the second has a fixed pattern of its own and is else alike.
-    dots : DotPattern
-        The projector's slide.
-    limits : StereoLimits
-        When a match counts.
     depth_limits_mm : (float, float), mm
         Depths that are matched.
 
@@ -102,8 +94,6 @@ class DotSensor:
     sensor: ActiveSensor
     light: LightModel = DOT_LIGHT
     electronics: CameraElectronics = DOT_ELECTRONICS
-    dots: DotPattern = field(default_factory=DotPattern)
-    limits: StereoLimits = field(default_factory=StereoLimits)
     depth_limits_mm: tuple[float, float] = MATCHED_MM
 
     def __post_init__(self) -> None:
@@ -126,7 +116,7 @@ class DotSensor:
     def _slide(self) -> NDArray[np.uint16]:
         projector = projector_of(self.sensor)
         contrast = self.light.projector.contrast
-        return render_dots(self.dots, projector.width, projector.height, contrast)
+        return render_dots(DotPattern(), projector.width, projector.height, contrast)
 
     def look(self, tracer: SceneTracer, camera_from_part: RigidTransform) -> DotLight:
         """Trace a view once, for all its exposures.
@@ -144,7 +134,6 @@ class DotSensor:
             If one of the cameras sees nothing of the scene.
         """
         radiance = []
-        depth: NDArray[np.float32] = np.empty(0, dtype=np.float32)
         for i in range(2):
             view = trace_view(
                 tracer, self.sensor, camera_from_part, model=self.light, camera_index=i
@@ -152,13 +141,7 @@ class DotSensor:
             (tile,) = view.tiles  # a whole frame
             plane = slide_radiance(tile, self._slide)[None]
             radiance.append(np.asarray(spread_by_lens(plane, tile, view.model.camera.spread_px)[0]))
-            if i == 0:
-                depth = view.true_depth_mm()
-        return DotLight(
-            camera_from_part=camera_from_part,
-            radiance=(radiance[0], radiance[1]),
-            true_depth_mm=depth,
-        )
+        return DotLight(camera_from_part=camera_from_part, radiance=(radiance[0], radiance[1]))
 
     def images(
         self, light: DotLight, exposure_ms: float, seed: Sequence[int]
@@ -169,11 +152,8 @@ class DotSensor:
         ----------
         light : DotLight
             The view's light.
-        exposure_ms : float, ms
-            In the sensor's range.
-        seed : sequence of int
-            Whole numbers from 0 that no other exposure shares, as (campaign's seed, view,
-            exposure).
+        exposure_ms, seed
+            As for `StripeSensor.frames`.
 
         Returns
         -------
@@ -186,11 +166,13 @@ class DotSensor:
         """
         self.sensor.check_exposure(exposure_ms)
         pattern = self.electronics.pattern_seed
+        even = np.zeros((1, 2), dtype=np.int64), np.zeros((1, 2), dtype=np.float32)
         grey = []
-        for i in range(2):
+        for i, plane in enumerate(light.radiance):
             camera = replace(self.electronics, pattern_seed=pattern + i)
             key = stream_key(*seed, _NOISE, i)
-            grey.append(expose(light.radiance[i][None], exposure_ms, camera, noise_key=key)[0])
+            planes = (plane, plane[None], plane[None])
+            grey.append(expose(planes, even, exposure_ms, camera, noise_key=key)[0])
         return grey[0], grey[1]
 
     def capture(
@@ -208,14 +190,8 @@ class DotSensor:
         ----------
         light : DotLight
             The view's light.
-        exposure_ms : float, ms
-            In the sensor's range.
-        view : str
-            The view's name.
-        seed : sequence of int
-            As for `images`.
-        raw_frames : bool
-            Attach both images.
+        exposure_ms, view, seed, raw_frames
+            As for `StripeSensor.capture`.
 
         Returns
         -------
@@ -228,9 +204,7 @@ class DotSensor:
             If the sensor cannot take this exposure time.
         """
         images = self.images(light, exposure_ms, seed)
-        cloud = match_pair(
-            *images, self.pair, depth_limits_mm=self.depth_limits_mm, limits=self.limits
-        )
+        cloud = match_pair(*images, self.pair, depth_limits_mm=self.depth_limits_mm)
         return Capture(
             view=view,
             exposure_ms=exposure_ms,

@@ -21,17 +21,20 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from exposight.cell import png_bytes
 from exposight.compiled import njit
-from exposight.errors import ImageError, InputError, SensorError
+from exposight.errors import InputError, SensorError
 from exposight.twin.random_numbers import NORMAL_BITS, NORMAL_TABLE, mix_bits, stream_key
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from exposight.twin.light.view_light import TileLight
 
 
-FRAMES_PER_DRAW = 4
+_FRAMES_PER_DRAW = 4
 """Frames whose noise comes from one 64-bit draw: as many as a fringe has steps."""
 _MASK = np.uint64((1 << NORMAL_BITS) - 1)
 _BITS = np.uint64(16)
@@ -123,21 +126,21 @@ class CameraElectronics:
 
 
 @njit(inline="always", error_model="numpy")
-def normals_of(bits: np.uint64, table: NDArray[np.float32], i: int) -> np.float32:
+def _normal(bits: np.uint64, table: NDArray[np.float32], i: int) -> np.float32:
     """Return the i-th (0 … 3) standard normal number in 64 random bits."""
     return np.float32(table[np.int64((bits >> (_BITS * np.uint64(i))) & _MASK)])
 
 
 @njit(inline="always", error_model="numpy")
-def pixel_gain(
+def _pixel_gain(
     key: np.uint64, pixel: np.uint64, prnu: np.float32, table: NDArray[np.float32]
 ) -> np.float32:
     """Return 1 + PRNU of a pixel."""
-    return np.float32(1.0) + prnu * normals_of(mix_bits(key, pixel), table, 0)
+    return np.float32(1.0) + prnu * _normal(mix_bits(key, pixel), table, 0)
 
 
 @njit(inline="always", error_model="numpy")
-def grey_value(
+def _grey_value(
     electrons: np.float32, normal: np.float32, read_variance: np.float32, gain: np.float32
 ) -> np.uint8:
     """Return the grey value of a pixel from its mean electrons and a standard normal number."""
@@ -147,27 +150,32 @@ def grey_value(
 
 
 def expose(
-    radiance: NDArray[np.float32],
+    light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    frames: tuple[NDArray[np.int64], NDArray[np.float32]],
     exposure_ms: float,
     electronics: CameraElectronics,
     *,
     noise_key: np.uint64,
-    first_frame: int = 0,
+    place: tuple[int, int, int, int] | None = None,
 ) -> NDArray[np.uint8]:
-    """Expose whole images.
+    """Take frames of a rectangle of pixels.
 
     Parameters
     ----------
-    radiance : (n, rows, columns) ndarray of float32, 1/mm²
-        Light on the sensor, after the lens.
+    light : tuple of ndarray of float32, 1/mm²
+        Behind the lens: (rows, columns) of what all frames share, and two stacks (m, rows, columns)
+        of which each frame adds a weighted plane.
+    frames : (n, 2) ndarray of int64, (n, 2) ndarray of float32
+        Numbers of the two planes that each frame adds, and their weights.
     exposure_ms : float, ms
         Exposure time of each.
     electronics : CameraElectronics
         The camera.
     noise_key : uint64
         From `stream_key`; another one for every exposure.
-    first_frame : int
-        Number of the first image within its exposure: another number, another noise.
+    place : (int, int, int, int), px, optional
+        The rectangle's top and left, and height and width of the image that it is part of; a whole
+        image by default. A pixel's grey values do not depend on the rectangle.
 
     Returns
     -------
@@ -175,26 +183,19 @@ def expose(
 
     Raises
     ------
-    ImageError
-        If the radiance is not (n, rows, columns), finite and 0 or more.
     InputError
         If the exposure time is not positive.
     """
-    images = np.ascontiguousarray(radiance, dtype=np.float32)
-    if images.ndim != 3 or not np.isfinite(images).all() or (images < 0).any():
-        msg = (
-            "radiance must be (n, rows, columns), finite and 0 or more, got an array of shape "
-            f"{images.shape}"
-        )
-        raise ImageError(msg)
-    grey = np.empty(images.shape, dtype=np.uint8)
+    planes, weights = frames
+    grey = np.empty((len(planes), *light[0].shape), dtype=np.uint8)
     _expose(
-        images,
+        light,
+        planes,
+        weights,
         electronics.numbers(exposure_ms),
-        noise_key,
-        electronics.pattern_key,
+        (noise_key, electronics.pattern_key),
         NORMAL_TABLE,
-        first_frame,
+        place or (0, 0, *light[0].shape),
         grey,
     )
     return grey
@@ -202,26 +203,44 @@ def expose(
 
 @njit(parallel=True, error_model="numpy")
 def _expose(
-    radiance: NDArray[np.float32],
+    light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    planes: NDArray[np.int64],
+    weights: NDArray[np.float32],
     camera: NDArray[np.float32],
-    noise_key: np.uint64,
-    pattern_key: np.uint64,
+    keys: tuple[np.uint64, np.uint64],
     table: NDArray[np.float32],
-    first_frame: int,
+    place: tuple[int, int, int, int],
     grey: NDArray[np.uint8],
 ) -> None:
-    n, rows, columns = radiance.shape
-    pixels = np.uint64(rows * columns)
+    """Fill all frames; `place` is the tile's top and left and the image's height and width."""
+    even, cosine, sine = light
+    noise_key, pattern_key = keys
+    top, left, height, width = place
+    pixels = np.uint64(height * width)
+    n_frames, rows, columns = grey.shape
     for r in numba.prange(rows):
         for c in range(columns):
-            pixel = np.uint64(r * columns + c)
-            sensitivity = camera[0] * pixel_gain(pattern_key, pixel, camera[4], table)
-            for f in range(n):
-                bits = mix_bits(noise_key, np.uint64(first_frame + f) * pixels + pixel)
-                electrons = sensitivity * radiance[f, r, c] + camera[1]
-                grey[f, r, c] = grey_value(
-                    electrons, normals_of(bits, table, 0), camera[2], camera[3]
-                )
+            pixel = np.uint64((top + r) * width + left + c)
+            sensitivity = camera[0] * _pixel_gain(pattern_key, pixel, camera[4], table)
+            for first in range(0, n_frames, _FRAMES_PER_DRAW):
+                draw = np.uint64(first // _FRAMES_PER_DRAW) * pixels + pixel
+                bits = mix_bits(noise_key, draw)
+                for i in range(min(_FRAMES_PER_DRAW, n_frames - first)):
+                    f = first + i
+                    first_plane, second_plane = planes[f, 0], planes[f, 1]
+                    stripe = (
+                        cosine[first_plane, r, c] * weights[f, 0]
+                        + sine[second_plane, r, c] * weights[f, 1]
+                    )
+                    electrons = sensitivity * (even[r, c] + stripe) + camera[1]
+                    grey[f, r, c] = _grey_value(
+                        electrons, _normal(bits, table, i), camera[2], camera[3]
+                    )
+
+
+def frame_files(frames: Iterable[NDArray[np.uint8]]) -> dict[str, bytes]:
+    """Return frames, each (rows, columns), as names and contents of files, in their order."""
+    return {f"frame-{i:02d}.png": png_bytes(frame) for i, frame in enumerate(frames)}
 
 
 def spread_by_lens(

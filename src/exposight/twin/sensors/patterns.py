@@ -3,58 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numba
 import numpy as np
 
+from exposight.cell import sensor_preset
 from exposight.compiled import njit
 from exposight.errors import ImageError, SensorError
 from exposight.imaging import AxisCoding, Fringe, PatternSequence
+from exposight.twin.light import projector_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from exposight.cell import ActiveSensor, Projector
+    from exposight.cell import Projector
     from exposight.twin.light import TileLight
-
-
-STRIPES = PatternSequence(
-    name="1, 8 and 64 stripes, four steps each",
-    projector_width=1920,
-    projector_height=1200,
-    columns=AxisCoding(
-        fringes=(
-            Fringe(periods=1, frames=(0, 1, 2, 3)),
-            Fringe(periods=8, frames=(4, 5, 6, 7)),
-            Fringe(periods=64, frames=(8, 9, 10, 11)),
-        )
-    ),
-)
-"""Stripes of the twin's first prototype, over the 1920 columns of the paper's sensor's preset."""
-
-
-def projector_of(sensor: ActiveSensor) -> Projector:
-    """Return a sensor's projector.
-
-    Raises
-    ------
-    SensorError
-        If its document has none.
-    """
-    if sensor.projector is None:
-        msg = f"sensor {sensor.name!r} has no projector; the simulated cell needs one"
-        raise SensorError(msg)
-    return sensor.projector
-
-
-def default_sequence(projector: Projector) -> PatternSequence:
-    """Return the stripes of `STRIPES` over a projector's columns."""
-    return replace(STRIPES, projector_width=projector.width, projector_height=projector.height)
 
 
 def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSequence:
@@ -82,6 +50,10 @@ def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSe
         projector_height=projector.height,
         columns=AxisCoding(fringes=fringes),
     )
+
+
+STRIPES = fringe_sequence((1, 8, 64), projector_of(sensor_preset("comet-pro-ae")))
+"""Stripes of the twin's first prototype, over the 1920 columns of the paper's sensor's preset."""
 
 
 def image_frame(sequence: PatternSequence) -> int:

@@ -3,53 +3,64 @@
 Frames go through `exposight.imaging`, the code that decodes recordings; a pixel has no point where
 a sample clipped, where the stripes modulate it by less than 18 grey levels, or where coarse and
 fine phases disagree.
+
+Under a stripe pattern of f periods over the projector's W columns a pixel's radiance is
+
+    L_n = ½A + ½Re(B·e^(−iδ_n)) + ½G + ambient,    B = c₀·D·M·exp(i·2π·f·u/W),
+    M = exp(−2·(π·σ·f/W)²),
+
+A = D being the light of the fully lit projector, G the bounce, σ the pattern's blur; along the rows
+likewise. Other patterns, as the bits of a Gray code, are slides. The camera's lens spreads all of
+it, once for all exposures.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 
-from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Capture, Cloud
+from exposight.cell import ActiveSensor, Capture, Cloud
+from exposight.compiled import njit
 from exposight.errors import SensorError
-from exposight.geometry import PixelBox
+from exposight.geometry import ProjectorCamera
 from exposight.imaging import (
     DecodingLimits,
     FrameStack,
     PatternSequence,
     decode,
+    sequence_to_toml,
     triangulate,
 )
 from exposight.observing import Visibility, view_features
-from exposight.twin.light import LightModel, trace_view
+from exposight.twin.light import LightModel, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
-from exposight.twin.sensors.exposure import CameraElectronics
+from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
 from exposight.twin.sensors.patterns import (
     STRIPES,
     Patterns,
     image_frame,
     projected,
-    projector_of,
+    slide_radiance,
 )
-from exposight.twin.sensors.raw_frames import frame_files
-from exposight.twin.sensors.stripes import StripeLight, expose_stripes, stripe_light
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from exposight.cell import Part, RingTolerance
-    from exposight.geometry import RigidTransform
-    from exposight.twin.light import SceneTracer
+    from exposight.cell import Part
+    from exposight.geometry import PixelBox, RigidTransform
+    from exposight.twin.light import SceneTracer, TileLight, ViewLight
 
 
 LIMITS = DecodingLimits(min_modulation=18.0, max_residual=0.2)
-"""At 18 grey levels p_norm rises up to a brightness of 25, as in the paper's Fig. 10; at 8 it would
-have risen between 5 and 15."""
+"""When a pixel counts as decoded. At 18 grey levels p_norm rises up to a brightness of 25, as in
+the paper's Fig. 10; at 8 it would have risen between 5 and 15."""
 
 _NOISE = 0x4E4F495345  # the purpose of a stream of random numbers
 
@@ -68,8 +79,6 @@ class StripeSensor:
         Of the first camera.
     sequence : PatternSequence, optional
         What is projected; `STRIPES` over the projector's columns by default.
-    limits : DecodingLimits
-        When a pixel counts as decoded.
 
     Raises
     ------
@@ -83,7 +92,6 @@ class StripeSensor:
     light: LightModel = field(default_factory=LightModel)
     electronics: CameraElectronics = field(default_factory=CameraElectronics)
     sequence: PatternSequence = STRIPES
-    limits: DecodingLimits = LIMITS
 
     def __post_init__(self) -> None:
         projector, sequence = projector_of(self.sensor), self.sequence
@@ -106,6 +114,22 @@ class StripeSensor:
     def needs_whole_frames(self) -> bool:
         """True where decoding a pixel takes more than its neighbourhood: runs of a Gray code."""
         return any(coding.gray_code is not None for _, coding, _ in self.sequence.axes())
+
+    def meaning_of_frames(self) -> dict[str, bytes]:
+        """Return what the frames mean, as files that ``exposight decode`` reads, by name."""
+        header = (
+            f"# The clouds were decoded with at least {LIMITS.min_modulation:g} grey levels of "
+            f"modulation and at most {LIMITS.max_residual:g}\n"
+            "# periods between coarse and fine phases.\n"
+        )
+        text = header + sequence_to_toml(replace(self.sequence, file_pattern="frame-*.png"))
+        projector = projector_of(self.sensor)
+        rig = ProjectorCamera(
+            camera=self.sensor.camera,
+            projector=projector.camera,
+            projector_from_camera=projector.camera_from_projector.inverse(),
+        )
+        return {"sequence.toml": text.encode(), "calibration.yml": rig.to_slstudio().encode()}
 
     def look(
         self,
@@ -154,8 +178,14 @@ class StripeSensor:
         """
         self.sensor.check_exposure(exposure_ms)
         key = stream_key(*seed, _NOISE)
-        images = expose_stripes(light, self.patterns, self.electronics, exposure_ms, key)
-        return tuple(FrameStack(frames=grey, exposure_ms=exposure_ms) for grey in images)
+        camera, shown = self.sensor.camera, (self.patterns.planes, self.patterns.weights)
+        stacks = []
+        for tile in light.tiles:
+            planes = (tile.even, tile.cosine, tile.sine)
+            place = (tile.box.top, tile.box.left, camera.height, camera.width)
+            grey = expose(planes, shown, exposure_ms, self.electronics, noise_key=key, place=place)
+            stacks.append(FrameStack(frames=grey, exposure_ms=exposure_ms))
+        return tuple(stacks)
 
     def capture(
         self,
@@ -197,7 +227,7 @@ class StripeSensor:
         clouds = []
         for tile, stack in zip(light.tiles, stacks, strict=True):
             cloud = triangulate(
-                decode(stack, self.sequence, self.limits),
+                decode(stack, self.sequence, LIMITS),
                 camera=self.sensor.camera,
                 projector=projector.camera,
                 projector_from_camera=projector.camera_from_projector.inverse(),
@@ -245,7 +275,6 @@ def ring_boxes(
     part: Part,
     sensor: ActiveSensor,
     camera_from_part: RigidTransform,
-    tolerance: RingTolerance = PAPER_TOLERANCE,
 ) -> list[PixelBox]:
     """Return boxes of pixels outside which nothing adds to any visible feature's observation.
 
@@ -257,8 +286,118 @@ def ring_boxes(
         Its first camera looks.
     camera_from_part : RigidTransform
         Where the part will be said to stand.
-    tolerance : RingTolerance
-        Height and radii of the hollow cylinders.
     """
-    views = view_features(part, sensor, camera_from_part, tolerance)
+    views = view_features(part, sensor, camera_from_part)
     return [view.search_box for view in views if view.visibility is Visibility.VISIBLE]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StripeTile:
+    """The light of a rectangle of pixels behind the lens, for any stripe image.
+
+    Parameters
+    ----------
+    box : PixelBox
+        The pixels.
+    even : (rows, columns) ndarray of float32, 1/mm²
+        ½A + ½G + ambient: the mean over the steps of a fringe.
+    cosine, sine : (n, rows, columns) ndarray of float32, 1/mm²
+        Real and imaginary part of ½B of every fringe. After those of the fringes, ``cosine`` has
+        what every other pattern's light differs by from `even`.
+    """
+
+    box: PixelBox
+    even: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+    sine: NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StripeLight:
+    """The light of a view under stripes, ready for exposures.
+
+    Parameters
+    ----------
+    camera_from_part : RigidTransform
+        Where the part stands.
+    is_whole : bool
+        False where only boxes were traced.
+    tiles : tuple of StripeTile
+        Disjoint.
+    """
+
+    camera_from_part: RigidTransform
+    is_whole: bool
+    tiles: tuple[StripeTile, ...]
+
+
+def stripe_light(view: ViewLight, patterns: Patterns) -> StripeLight:
+    """Return what a traced view's light becomes under patterns and behind the lens.
+
+    Parameters
+    ----------
+    view : ViewLight
+        The traced view.
+    patterns : Patterns
+        What is projected.
+    """
+    return StripeLight(
+        camera_from_part=view.camera_from_part,
+        is_whole=view.is_whole,
+        tiles=tuple(_stripe_tile(tile, patterns, view) for tile in view.tiles),
+    )
+
+
+def _stripe_tile(tile: TileLight, patterns: Patterns, view: ViewLight) -> StripeTile:
+    n_columns, n_rows = patterns.column_waves.size, patterns.row_waves.size
+    n_fringes, n_slides = n_columns + n_rows, len(patterns.slides)
+    planes = np.empty((1 + 2 * n_fringes + n_slides, *tile.ambient.shape), dtype=np.float32)
+    cosine, sine = planes[1 : 1 + n_fringes], planes[1 + n_fringes : 1 + 2 * n_fringes]
+    axes = [(patterns.column_waves, tile.column, 0)]  # of no wave too: it gives the mean
+    axes += [(patterns.row_waves, tile.row, n_columns)] if n_rows else []
+    for waves, place, first in axes:
+        _phasors(
+            (tile.direct, place, tile.blur_px),
+            (tile.indirect, tile.ambient),
+            waves,
+            view.model.projector.contrast,
+            planes[0],
+            cosine[first : first + waves.size],
+            sine[first : first + waves.size],
+        )
+    for plane, slide in zip(planes[1 + 2 * n_fringes :], patterns.slides, strict=True):
+        plane[:] = slide_radiance(tile, slide) - planes[0]
+    spread = spread_by_lens(planes, tile, view.model.camera.spread_px)
+    slides = spread[1 + 2 * n_fringes :]
+    cosine = spread[1 : 1 + n_fringes]
+    if n_slides:
+        cosine = np.concatenate([cosine, slides])
+    sine = spread[1 + n_fringes : 1 + 2 * n_fringes] if n_fringes else cosine
+    return StripeTile(box=tile.box, even=spread[0], cosine=cosine, sine=sine)
+
+
+@njit(parallel=True, error_model="numpy")
+def _phasors(
+    light: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    other: tuple[NDArray[np.float32], NDArray[np.float32]],
+    waves: NDArray[np.float64],
+    contrast: float,
+    mean: NDArray[np.float32],
+    cosine: NDArray[np.float32],
+    sine: NDArray[np.float32],
+) -> None:
+    """Fill ½A + ½G + ambient, and the real and the imaginary parts of ½B of every wave."""
+    direct, place, blur = light
+    indirect, ambient = other
+    for r in numba.prange(mean.shape[0]):
+        for c in range(mean.shape[1]):
+            d = direct[r, c]
+            for k in range(waves.size):
+                cosine[k, r, c] = sine[k, r, c] = 0.0
+                if d > 0.0:
+                    blurred = math.pi * blur[r, c] * waves[k]
+                    size = d * contrast * math.exp(-2.0 * blurred * blurred)
+                    phase = 2.0 * math.pi * waves[k] * place[r, c]
+                    cosine[k, r, c] = 0.5 * (size * math.cos(phase))
+                    sine[k, r, c] = 0.5 * (size * math.sin(phase))
+            mean[r, c] = 0.5 * (np.float64(d) + indirect[r, c]) + ambient[r, c]
