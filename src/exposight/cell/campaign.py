@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from filelock import BaseFileLock
 
     from exposight.cell.capture import CaptureDescription
-    from exposight.geometry import RigidTransform
 
 
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
@@ -201,13 +200,10 @@ class CampaignFolder:
 
     def keys(self) -> tuple[CaptureKey, ...]:
         """Return the view and exposure time of every capture, in the order they were taken."""
-        return tuple(description.key for description in self._descriptions())
+        return tuple(description.key for description in self.descriptions())
 
-    def poses(self) -> tuple[RigidTransform, ...]:
-        """Return ``camera_from_part`` of every capture, in the order they were taken."""
-        return tuple(description.camera_from_part for description in self._descriptions())
-
-    def _descriptions(self) -> Iterator[CaptureDescription]:
+    def descriptions(self) -> Iterator[CaptureDescription]:
+        """Yield what is known of every capture without reading its image and cloud."""
         return (read_description(_capture_path(self.path, number)) for number in self.numbers)
 
 

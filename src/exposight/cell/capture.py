@@ -225,6 +225,9 @@ class CaptureDescription:
         return CaptureKey(self.view, self.exposure_ms)
 
 
+_DESCRIBED = ("view", "exposure_ms", "bit_depth", "emulated", "notes", "camera_from_part")
+"""Fields that a capture and its description share."""
+
 _FORMAT = DocumentFormat("exposight capture", 2, CaptureDescription)
 """2: a capture may lack its cloud, and have attachments."""
 
@@ -249,12 +252,7 @@ def write_capture(folder: Path, capture: Capture) -> None:
         files[_CLOUD] = _npz(capture.cloud)
     checksums = {name: sha256_of(content) for name, content in files.items()}
     description = CaptureDescription(
-        view=capture.view,
-        exposure_ms=capture.exposure_ms,
-        bit_depth=capture.bit_depth,
-        emulated=capture.emulated,
-        notes=capture.notes,
-        camera_from_part=capture.camera_from_part,
+        **{name: getattr(capture, name) for name in _DESCRIBED},
         image_sha256=checksums.pop(_IMAGE),
         cloud_sha256=checksums.pop(_CLOUD, None),
         beside_sha256=checksums,
@@ -300,14 +298,9 @@ def read_capture(folder: Path) -> Capture:
         )
     try:
         return Capture(
-            view=description.view,
-            exposure_ms=description.exposure_ms,
+            **{name: getattr(description, name) for name in _DESCRIBED},
             image=image,
             cloud=cloud,
-            camera_from_part=description.camera_from_part,
-            bit_depth=description.bit_depth,
-            emulated=description.emulated,
-            notes=description.notes,
             attachments=StoredAttachments(folder, description.beside_sha256),
         )
     except InputError as error:

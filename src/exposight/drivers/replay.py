@@ -44,8 +44,8 @@ class ReplayDriver:
     def __init__(self, campaign: str | Path, *, tolerance_mm: float = 6.0) -> None:
         self._campaign = CampaignFolder(Path(campaign))
         self._tolerance_mm = tolerance_mm
-        self._keys, self._poses = self._campaign.keys(), self._campaign.poses()
-        if not self._keys:
+        self._recorded = tuple(self._campaign.descriptions())
+        if not self._recorded:
             msg = f"the campaign in {campaign} has no captures to give back"
             raise InputError(msg)
 
@@ -90,24 +90,24 @@ class ReplayDriver:
         asked_mm = camera_from_part.apply(features_mm)
         away_mm = np.array(
             [
-                np.linalg.norm(pose.apply(features_mm) - asked_mm, axis=1).max()
-                for pose in self._poses
+                np.linalg.norm(capture.camera_from_part.apply(features_mm) - asked_mm, axis=1).max()
+                for capture in self._recorded
             ]
         )
         nearest = int(away_mm.argmin())
+        recorded = self._recorded[nearest].view
         if away_mm[nearest] > self._tolerance_mm:
             msg = (
                 f"campaign {self._campaign.name!r} has no capture at this pose: in the nearest "
-                f"view, {self._keys[nearest].view!r}, features lie up to {away_mm[nearest]:.1f} mm "
+                f"view, {recorded!r}, features lie up to {away_mm[nearest]:.1f} mm "
                 f"elsewhere, and {self._tolerance_mm:g} mm are allowed; replay the poses that it "
                 "recorded"
             )
             raise InputError(msg)
-        recorded = self._keys[nearest].view
         numbers = {
-            key.exposure_ms: number
-            for key, number in zip(self._keys, self._campaign.numbers, strict=True)
-            if key.view == recorded
+            capture.exposure_ms: number
+            for capture, number in zip(self._recorded, self._campaign.numbers, strict=True)
+            if capture.view == recorded
         }
         best_ms = min(numbers, key=lambda ms: abs(ms - exposure_ms))
         if abs(best_ms - exposure_ms) > 0.5 * self.sensor.exposure.increment_ms:

@@ -76,7 +76,8 @@ def triangulate(
     """
     window = window or PixelBox(top=0, bottom=camera.height, left=0, right=camera.width)
     _check_sizes(decoded, camera, projector, window)
-    near_mm, far_mm = _check_limits(depth_limits_mm, max_residual_px)
+    near_mm, far_mm = depth_limits_mm
+    _check_limits(near_mm, far_mm, max_residual_px)
     none = np.empty((0, 0))
     points = np.empty((*decoded.image_shape, 3), dtype=np.float32)
     _intersect(
@@ -97,10 +98,7 @@ def triangulate(
     return Cloud(points=points)
 
 
-def _check_limits(
-    depth_limits_mm: tuple[float, float], max_residual_px: float
-) -> tuple[float, float]:
-    near_mm, far_mm = depth_limits_mm
+def _check_limits(near_mm: float, far_mm: float, max_residual_px: float) -> None:
     if not 0 <= near_mm < far_mm:
         msg = (
             f"the limits of depth must be 0 ≤ near < far in mm, got near {near_mm:g} and far "
@@ -110,7 +108,6 @@ def _check_limits(
     if not max_residual_px > 0:
         msg = f"the largest residual must be above 0 px, got {max_residual_px:g}"
         raise ImageError(msg)
-    return near_mm, far_mm
 
 
 def _check_sizes(

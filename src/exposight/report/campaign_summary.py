@@ -134,8 +134,8 @@ def summarise(table: ObservationTable) -> CampaignSummary:
     highest = frame.group_by("feature", "exposure_ms").agg(pl.col("p_norm").max())
     for name, exposure_ms, value in highest.iter_rows():
         p_norm[names.index(name), np.searchsorted(exposures_ms, exposure_ms)] = value
-    good, mean = (p_norm >= P_NORM_MIN).sum(axis=0), np.nanmean(p_norm, axis=0)
-    best = max(range(len(exposures_ms)), key=lambda i: (good[i], mean[i]))
+    good = (p_norm >= P_NORM_MIN).sum(axis=0)
+    best = max(range(len(exposures_ms)), key=lambda i: (good[i], np.nanmean(p_norm[:, i])))
     return CampaignSummary(
         features=tuple(
             FeatureSummary(**row, p_norm_at_best=None if np.isnan(at_best) else float(at_best))

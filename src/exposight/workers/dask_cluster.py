@@ -235,11 +235,11 @@ def _import_distributed() -> ModuleType:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Silence Dask's log: what matters is raised."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
-    loggers += [
+    loggers = [
         logger
         for name, logger in logging.root.manager.loggerDict.items()
-        if isinstance(logger, logging.Logger) and name.startswith("distributed.")
+        if isinstance(logger, logging.Logger)
+        and name.split(".")[0] in {"distributed", "tornado", "asyncio"}
     ]
     before = [logger.level for logger in loggers]
     for logger in loggers:
