@@ -19,7 +19,7 @@ from exposight.imaging import (
     sequence_to_toml,
 )
 from exposight.measuring import measure_observations
-from exposight.plans import DepthPlane, MeasuringPlan, plan_from_toml, plan_preset, plan_to_toml
+from exposight.plans import DepthPlane, MeasuringPlan, plan_from_text, plan_preset, plan_to_toml
 from exposight.twin import AlignmentErrors, SimulatedCell, SimulatedCellSettings
 
 ROUNDING = 1e-9
@@ -92,7 +92,7 @@ SETTINGS = SimulatedCellSettings(
 
 def test_settings_survive_in_a_plans_file(sheet_plan):
     plan = replace(sheet_plan, simulated=SETTINGS.table())
-    again = plan_from_toml(plan_to_toml(plan))
+    again = plan_from_text(plan_to_toml(plan))
     assert SimulatedCellSettings.of_plan(again) == SETTINGS
     assert SimulatedCellSettings.of_plan(replace(plan, simulated={})) == SimulatedCellSettings()
 

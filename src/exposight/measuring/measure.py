@@ -12,7 +12,7 @@ import shutil
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
 
     from exposight.cell import ActiveSensor, Driver, Part
-    from exposight.plans import MeasuringPlan, PlannedView
+    from exposight.plans import MeasuringPlan
     from exposight.workers import Progress, Workers
 
 
@@ -253,13 +253,15 @@ class _Job:
         if part is None:
             msg = "the driver does not know the part that it measures; give it as `part`"
             raise InputError(msg)
-        self.plan, self.driver, self._clouds, self._progress = plan, driver, clouds, progress
-        self.description: dict[str, Any] = describe(driver)
+        self._progress = progress
+        self.description = describe(driver)
         progress("preparing the cell", 1, 1)
         progress("planning the views", 0, 1)
         self.part = plan.observed_part(part)
-        self.views: tuple[PlannedView, ...] = plan.views(part)
+        self.views = plan.views(part)
         progress("planning the views", 1, 1)
+        task = partial(ViewTask, plan=plan, driver=driver, part=self.part, clouds=clouds)
+        self._task = partial(task, description=self.description)
         keys = [CaptureKey(view.name, t) for view in self.views for t in view.exposures_ms]
         self.numbers = {key: number for number, key in enumerate(keys)}
 
@@ -270,17 +272,7 @@ class _Job:
             keys = [CaptureKey(view.name, t) for t in view.exposures_ms]
             captures = tuple((self.numbers[key], key.exposure_ms) for key in keys if key in missing)
             if captures:
-                tasks.append(
-                    ViewTask(
-                        plan=self.plan,
-                        view=view,
-                        captures=captures,
-                        driver=self.driver,
-                        description=self.description,
-                        part=self.part,
-                        clouds=self._clouds,
-                    )
-                )
+                tasks.append(self._task(view=view, captures=captures))
         return tasks
 
     def observe(

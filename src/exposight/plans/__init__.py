@@ -3,8 +3,7 @@
 from exposight.plans.files import (
     PLAN_FORMAT,
     PLAN_SUFFIXES,
-    plan_from_toml,
-    plan_from_yaml,
+    plan_from_text,
     plan_to_toml,
     read_plan,
     write_plan,

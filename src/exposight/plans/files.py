@@ -27,7 +27,7 @@ import re
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tomli_w
 import yaml
@@ -93,19 +93,25 @@ def read_plan(path: str | Path) -> MeasuringPlan:
         msg = f"{path}: a measuring plan ends in {', '.join(PLAN_SUFFIXES)}, got {path.suffix!r}"
         raise FormatError(msg)
     text = read_text(path, "measuring plan in TOML or YAML")
-    from_text = plan_from_toml if suffix == ".toml" else plan_from_yaml
-    return from_text(text, source=str(path), folder=path.parent)
+    language: Literal["toml", "yaml"] = "toml" if suffix == ".toml" else "yaml"
+    return plan_from_text(text, language, source=str(path), folder=path.parent)
 
 
-def plan_from_toml(
-    text: str, *, source: str = "the measuring plan", folder: Path | None = None
+def plan_from_text(
+    text: str,
+    language: Literal["toml", "yaml"] = "toml",
+    *,
+    source: str = "the measuring plan",
+    folder: Path | None = None,
 ) -> MeasuringPlan:
-    """Read a measuring plan from TOML.
+    """Read a measuring plan from text.
 
     Parameters
     ----------
     text : str
         The plan.
+    language : {'toml', 'yaml'}
+        What it is written in; the keys are the same.
     source : str
         Where it comes from, for messages.
     folder : Path, optional
@@ -116,40 +122,16 @@ def plan_from_toml(
     FormatError, VersionError
         As for `read_plan`.
     """
+    parse, name = (
+        (tomllib.loads, "TOML") if language == "toml" else (_load_yaml, "the plain YAML of a plan")
+    )
     try:
-        raw: object = tomllib.loads(text)
+        raw: object = parse(text)
     except RecursionError as error:
-        msg = f"{source} is not TOML: it is nested too deeply"
+        msg = f"{source} is not {name}: it is nested too deeply"
         raise FormatError(msg) from error
     except ValueError as error:  # broken, or a number of thousands of digits
-        msg = f"{source} is not TOML: {error}"
-        raise FormatError(msg) from error
-    return _plan(raw, source, folder or Path())
-
-
-def plan_from_yaml(
-    text: str, *, source: str = "the measuring plan", folder: Path | None = None
-) -> MeasuringPlan:
-    """Read a measuring plan from YAML (`exposight.plans.files`), with the keys of TOML.
-
-    Parameters
-    ----------
-    text : str
-        The plan.
-    source : str
-        Where it comes from, for messages.
-    folder : Path, optional
-        Where the path of a sensor's document begins; the working directory by default.
-
-    Raises
-    ------
-    FormatError, VersionError
-        As for `read_plan`.
-    """
-    try:
-        raw = load_yaml(text)
-    except ValueError as error:
-        msg = f"{source} is not the plain YAML of a plan: {error}"
+        msg = f"{source} is not {name}: {error}"
         raise FormatError(msg) from error
     return _plan(raw, source, folder or Path())
 
@@ -314,15 +296,16 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML carries no types
     def construct_mapping(
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Hashable, object]:
-        seen: set[tuple[str, str]] = set()
+        known: set[tuple[str, str]] = set()
         for key, _ in node.value:
+            problem = ""
             if not isinstance(key, yaml.ScalarNode):
                 problem = "a key must be a plain name"
-                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            if (key.tag, key.value) in seen:
+            elif (key.tag, key.value) in known:
                 problem = f"the key {key.value!r} is there twice"
+            if problem:
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            seen.add((key.tag, key.value))
+            known.add((key.tag, key.value))
         return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
 
     def construct_decimal(self, node: yaml.ScalarNode) -> int:
@@ -347,20 +330,8 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile("^$"), [""])
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_decimal)
 
 
-def load_yaml(text: str) -> object:
-    """Return the data in a YAML document.
-
-    Parameters
-    ----------
-    text : str
-        One document.
-
-    Raises
-    ------
-    ValueError
-        If it is not YAML, a key is there twice, or it uses a tag or an alias. The message names the
-        line.
-    """
+def _load_yaml(text: str) -> object:
+    """Return the data in one YAML document; ValueError with the line where it is none."""
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -370,6 +341,3 @@ def load_yaml(text: str) -> object:
         raise ValueError(msg) from error
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from error
-    except RecursionError as error:
-        msg = "it is nested too deeply"
-        raise ValueError(msg) from error

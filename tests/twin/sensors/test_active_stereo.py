@@ -10,7 +10,7 @@ from exposight.cell import sensor_preset
 from exposight.errors import InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.twin.light import LightModel, ProjectorLens, SceneTracer, trace_view
-from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotPattern, DotSensor
+from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotSensor
 from exposight.twin.sensors.exposure import spread_by_lens
 from exposight.twin.sensors.patterns import BLURS_PX, render_dots, slide_radiance
 
@@ -161,7 +161,7 @@ def test_each_pixel_gets_the_light_that_its_place_on_the_slide_lets_through(sens
     view = trace_view(
         primer, sensor, before(500.0), model=replace(DOT_LIGHT, camera=lens, indirect=True)
     )
-    slide = render_dots(DotPattern(), 1024, 1024, 0.9)
+    slide = render_dots(1024, 1024, 0.9)
     (tile,) = view.tiles
     place = [tile.row, tile.column]
     shares = np.array([map_coordinates(s / 65535.0, place, order=1, mode="nearest") for s in slide])
@@ -177,7 +177,7 @@ def test_each_pixel_gets_the_light_that_its_place_on_the_slide_lets_through(sens
 
 
 def test_dots_leave_no_neighbourhood_empty_and_cover_a_quarter():
-    sharp = render_dots(DotPattern(), 256, 192, 1.0)[0] / 65535.0
+    sharp = render_dots(256, 192, 1.0)[0] / 65535.0
     assert sharp.shape == (192, 256)
     assert 0.15 < sharp.mean() < 0.3
     blocks = sharp[:192, :256].reshape(24, 8, 32, 8).max(axis=(1, 3))
@@ -185,29 +185,15 @@ def test_dots_leave_no_neighbourhood_empty_and_cover_a_quarter():
 
 
 def test_contrast_sets_the_light_that_the_dark_parts_pass():
-    sharp = render_dots(DotPattern(), 256, 256, 0.8)[0] / 65535.0
+    sharp = render_dots(256, 256, 0.8)[0] / 65535.0
     assert sharp.min() == pytest.approx(0.1, abs=2e-3)
 
 
 def test_blur_takes_contrast_and_keeps_the_light():
-    slide = render_dots(DotPattern(), 256, 256, 0.9) / 65535.0
+    slide = render_dots(256, 256, 0.9) / 65535.0
     middle = slide[:, 32:-32, 32:-32]
     assert (np.diff(middle.std(axis=(1, 2))) < 0).all()
     assert middle.mean(axis=(1, 2)) == pytest.approx(np.full(len(BLURS_PX), middle[0].mean()), 0.01)
-
-
-def test_patterns_follow_from_their_seed():
-    same = [render_dots(DotPattern(seed=s), 64, 64, 0.9) for s in (1, 1, 2)]
-    assert np.array_equal(same[0], same[1])
-    assert not np.array_equal(same[0], same[2])
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"radius_px": 0.0}, {"radius_px": 3.0}, {"cell_px": np.inf}, {"seed": -1}]
-)
-def test_a_pattern_that_cannot_be_is_refused(wrong):
-    with pytest.raises(SensorError, match="a dot pattern needs"):
-        DotPattern(**wrong)
 
 
 def test_one_camera_is_not_enough():

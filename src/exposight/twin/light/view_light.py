@@ -269,7 +269,7 @@ def _trace_tile(
     camera = eye.camera
     traced = _cut(box, whole_frame(camera), HALO_PX)
     height, width = traced.bottom - traced.top, traced.right - traced.left
-    direct, column, row, blur_px, ambient = np.zeros((5, height, width), dtype=np.float32)
+    direct, column, row, blur_px, ambient, dimming = np.zeros((6, height, width), dtype=np.float32)
     depth = np.empty((height, width), dtype=np.float32)
     columns = np.arange(traced.left, traced.right)
     step = max(1, _BAND_RAYS // width)
@@ -279,23 +279,21 @@ def _trace_tile(
         rows, cols = grid[0].ravel(), grid[1].ravel()
         shape = (band_rows.size, width)
         band = slice(start - traced.top, start - traced.top + band_rows.size)
-        dimming = _dimming(camera, rows, cols, model.camera.vignetting_exponent)
+        dimmed = _dimming(camera, rows, cols, model.camera.vignetting_exponent)
+        dimming[band] = dimmed.reshape(shape)
         lit = light_along_rays(tracer, lamp, *eye.rays(rows, cols), model.surfaces)
-        direct[band] = (lit.radiance * dimming).reshape(shape)
+        direct[band] = (lit.radiance * dimmed).reshape(shape)
         column[band] = lit.column.reshape(shape)
         row[band] = lit.row.reshape(shape)
         blur_px[band] = lit.blur_px.reshape(shape)
         share = np.float32(ambient_irradiance / np.pi)
-        ambient[band] = (lit.reflectance * dimming * share).reshape(shape)
+        ambient[band] = (lit.reflectance * dimmed * share).reshape(shape)
         depth[band] = lit.distance.reshape(shape)
     indirect = np.zeros_like(ambient)
     if model.indirect:
         image_shape = (camera.height, camera.width)
         indirect = bounce(tracer, lamp, eye.rays, depth, traced, image_shape, model.surfaces)
-        grid = np.meshgrid(np.arange(traced.top, traced.bottom), columns, indexing="ij")
-        indirect *= _dimming(
-            camera, grid[0].ravel(), grid[1].ravel(), model.camera.vignetting_exponent
-        ).reshape(indirect.shape)
+        indirect *= dimming
     return TileLight(
         box=box,
         traced=traced,

@@ -9,7 +9,6 @@ from exposight.twin.sensors.active_stereo import (
 )
 from exposight.twin.sensors.exposure import CameraElectronics, expose
 from exposight.twin.sensors.patterns import (
-    DotPattern,
     fringe_sequence,
     image_frame,
 )

@@ -19,7 +19,7 @@ from exposight.imaging.stereo import match_pair
 from exposight.twin.light import LightModel, ProjectorLens, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
-from exposight.twin.sensors.patterns import DotPattern, render_dots, slide_radiance
+from exposight.twin.sensors.patterns import render_dots, slide_radiance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,7 +116,7 @@ class DotSensor:
     def _slide(self) -> NDArray[np.uint16]:
         projector = projector_of(self.sensor)
         contrast = self.light.projector.contrast
-        return render_dots(DotPattern(), projector.width, projector.height, contrast)
+        return render_dots(projector.width, projector.height, contrast)
 
     def look(self, tracer: SceneTracer, camera_from_part: RigidTransform) -> DotLight:
         """Trace a view once, for all its exposures.

@@ -12,7 +12,7 @@ import numpy as np
 
 from exposight.cell import sensor_preset
 from exposight.compiled import njit
-from exposight.errors import ImageError, SensorError
+from exposight.errors import ImageError
 from exposight.imaging import AxisCoding, Fringe, PatternSequence
 from exposight.twin.light import projector_of
 
@@ -142,53 +142,21 @@ below the first, the dots' own edges are as soft; beyond the last, hardly any co
 _FULL = 65535.0  # transmittance 1 in 16 bits
 
 
-@dataclass(frozen=True, kw_only=True)
-class DotPattern:
-    """A slide with random dots.
+# Roboception does not publish the pattern; chosen once. With the blur, these dots are about 3
+# camera px wide over the working volume, the least that digital image correlation asks for (iDICs,
+# *A good practices guide for digital image correlation*, 2018). They cover a quarter of the slide:
+# in the paper p_norm reaches 0.75 from 12 grey levels on (Table 9, stereo eX), which takes a
+# deviation of half the mean where 6 grey levels of texture are wanted.
+_CELL_PX = 4.0  # side of the square cells with one dot each, projector px
+_DOT_RADIUS_PX = 1.1
+_DOT_SEED = 1
+
+
+def render_dots(width: int, height: int, contrast: float) -> NDArray[np.uint16]:
+    """Draw a slide with random dots at all of `BLURS_PX`.
 
     Parameters
     ----------
-    cell_px : float, projector px
-        Side of the square cells with one dot each.
-    radius_px : float, projector px
-        Radius of the dots.
-    seed : int
-        Another seed, another pattern.
-
-    Raises
-    ------
-    SensorError
-        If a size is not positive, a dot is larger than its cell, or the seed is negative.
-    """
-
-    # Roboception does not publish the pattern; chosen once. With the blur, these dots are about 3
-    # camera px wide over the working volume, the least that digital image correlation asks for
-    # (iDICs, *A good practices guide for digital image correlation*, 2018). They cover a quarter of
-    # the slide: in the paper p_norm reaches 0.75 from 12 grey levels on (Table 9, stereo eX), which
-    # takes a deviation of half the mean where 6 grey levels of texture are wanted.
-    cell_px: float = 4.0
-    radius_px: float = 1.1
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        sizes_fit = 0 < 2 * self.radius_px <= self.cell_px < math.inf
-        if not sizes_fit or self.seed < 0:
-            msg = (
-                "a dot pattern needs dots with a radius above 0 that fit into their cells, and a "
-                f"seed of 0 or more, got {self}"
-            )
-            raise SensorError(msg)
-
-
-def render_dots(
-    pattern: DotPattern, width: int, height: int, contrast: float
-) -> NDArray[np.uint16]:
-    """Draw a slide at all of `BLURS_PX`.
-
-    Parameters
-    ----------
-    pattern : DotPattern
-        Where the dots are and how large.
     width, height : int, px
         Of the projector.
     contrast : float
@@ -199,12 +167,12 @@ def render_dots(
     (blurs, height, width) ndarray of uint16
         Transmittance, 65535 for 1.
     """
-    rows, columns = math.ceil(height / pattern.cell_px), math.ceil(width / pattern.cell_px)
-    rng = np.random.default_rng(pattern.seed)
+    rows, columns = math.ceil(height / _CELL_PX), math.ceil(width / _CELL_PX)
+    rng = np.random.default_rng(_DOT_SEED)
     place = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
-    centres = (place + rng.random((rows, columns, 2))) * pattern.cell_px - 0.5
+    centres = (place + rng.random((rows, columns, 2))) * _CELL_PX - 0.5
     sharp = np.zeros((height, width), dtype=np.float32)
-    _draw_discs(centres.reshape(-1, 2), pattern.radius_px, sharp)
+    _draw_discs(centres.reshape(-1, 2), _DOT_RADIUS_PX, sharp)
     light = 0.5 * (1.0 + contrast * (2.0 * sharp - 1.0))
     return blurred_slide(light)
 
