@@ -130,7 +130,7 @@ def test_a_view_is_forecast_for_the_features_that_it_sees():
         )
         for x in (0.0, 5000.0)
     ]
-    pose, part = SENSOR.camera_from_tcp, Part(name="p", features=tuple(holes))
-    view = View(camera_from_part=pose, features=view_features(part, SENSOR, pose))
+    part = Part(name="p", features=tuple(holes))
+    view = View(view_features(part, SENSOR, SENSOR.camera_from_tcp))
     assert len(view.features) == 2
     assert forecast(QUALITY, EXPOSURE, view, TIMES_MS).features == ("f0",)

@@ -100,11 +100,13 @@ def test_models_are_kept_and_come_back(models, views, tmp_path):
 
 
 def test_a_folder_without_a_model_or_with_too_many(models, tmp_path):
-    with pytest.raises(MissingFileError, match="no model file that predicts p_norm"):
+    with pytest.raises(MissingFileError, match="no such model file"):
+        SensorModels.load(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="got none"):
         SensorModels.load(tmp_path)
     models.save(tmp_path)
     save_model(tmp_path / "other.exposight-model", models.quality)
-    with pytest.raises(InputError, match="several models predict p_norm"):
+    with pytest.raises(InputError, match=r"q_k1 .p_norm., q_k1 .p_norm."):
         SensorModels.load(tmp_path)
 
 

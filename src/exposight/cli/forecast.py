@@ -15,7 +15,7 @@ from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
 from exposight.files import write_durably
-from exposight.models import P_NORM_MIN, load_model
+from exposight.models import P_NORM_MIN
 from exposight.observing import View, open_campaign, view_features
 from exposight.planning import SensorModels
 from exposight.tables import Column, Table, number
@@ -77,7 +77,7 @@ class ViewOptions(PoseOptions):
         part = Part(name=self.features.stem, features=read_features(self.features))
         pose = self.camera_from_part()
         sensor = sensor_named_or_read(self.sensor)
-        return View(camera_from_part=pose, features=view_features(part, sensor, pose))
+        return View(view_features(part, sensor, pose))
 
 
 _NO_VIEW = ViewOptions()
@@ -116,7 +116,7 @@ def forecast_command(
     picture
         Draw p_norm ± 2σ over exposure time, a panel for each feature: .png or .svg.
     """
-    sensor_models = _loaded(models)
+    sensor_models = SensorModels.load(*models)
     if picture is not None and picture.suffix.lower() not in {".png", ".svg"}:
         msg = f"--picture writes PNG or SVG; got the name {picture.name}"
         raise UsageError(msg)
@@ -157,25 +157,13 @@ def forecast_command(
             fact("best_exposure_ms", best_ms, f"{number(best_ms)}, highest mean p_norm"),
         ),
         tables=(
-            _at_best(forecast, best_ms),
+            forecast.table,
             _over_time(forecast),
             Table(name="forecast", frame=forecast.frame, columns=(), shown_rows=0),
         ),
         notes=tuple(notes),
         files=files,
     )
-
-
-def _loaded(paths: tuple[Path, ...]) -> SensorModels:
-    """Read the two models, from their files or their folder."""
-    if len(paths) == 1 and paths[0].is_dir():
-        return SensorModels.load(paths[0])
-    models = {model.target: model for model in map(load_model, paths)}
-    if len(paths) != 2 or set(models) != {"p_norm", "exposure_ms"}:
-        got = ", ".join(f"{model.name} ({target})" for target, model in models.items()) or "none"
-        msg = f"give one model of p_norm and one of exposure_ms, or their folder; got {got}"
-        raise UsageError(msg)
-    return SensorModels(quality=models["p_norm"], exposure=models["exposure_ms"])
 
 
 def _view_named(campaign: Campaign, name: str) -> View:
@@ -187,24 +175,6 @@ def _view_named(campaign: Campaign, name: str) -> View:
         names.append(capture.view)
     msg = f"{campaign.name}: no view '{name}'{did_you_mean(name, names)}"
     raise InputError(msg)
-
-
-def _at_best(forecast: Forecast, best_ms: float) -> Table:
-    """Return what to expect of each feature at the exposure time that promises most."""
-    columns = (
-        Column(name="feature"),
-        Column(name="p_norm"),
-        Column(name="p_norm_low", label="−2σ", decimals=2),
-        Column(name="p_norm_high", label="+2σ", decimals=2),
-        Column(name="i_avg"),
-        Column(name="inside", label="within\ntraining"),
-    )
-    return Table(
-        name="at_best_exposure",
-        frame=forecast.frame.filter(pl.col("exposure_ms") == best_ms),
-        columns=columns,
-        title=f"At {number(best_ms)} ms",
-    )
 
 
 def _over_time(forecast: Forecast) -> Table:

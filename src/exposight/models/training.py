@@ -46,7 +46,7 @@ class Training:
     Parameters
     ----------
     specification : ModelSpecification
-        Which one: one of the paper's, or one's own.
+        One of the paper's, or one's own.
     table : ObservationTable
         Observations; rows that were not measured, or not well enough for this model, are left
         out (`ModelSpecification.rows`).

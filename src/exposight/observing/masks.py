@@ -114,11 +114,10 @@ class FeatureView:
         return dict(zip(_POSE_COLUMNS, values, strict=True))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class View:
     """What a pose sees of a part: each of its features, also those that cannot be measured."""
 
-    camera_from_part: RigidTransform
     features: tuple[FeatureView, ...]
 
     @property

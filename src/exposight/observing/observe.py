@@ -241,8 +241,7 @@ class Campaign(CampaignFolder):
 
     def view(self, camera_from_part: RigidTransform) -> View:
         """Return what the sensor sees of the part from a pose, measured or not."""
-        features = view_features(self.part, self.sensor, camera_from_part)
-        return View(camera_from_part=camera_from_part, features=features)
+        return View(view_features(self.part, self.sensor, camera_from_part))
 
     def _repr_html_(self) -> str:
         facts = (

@@ -118,7 +118,7 @@ class Forecast:
         """The features at the best exposure time."""
         best = self.best_exposure_ms()
         return Table(
-            name="forecast",
+            name="at_best_exposure",
             frame=self.frame.filter(pl.col("exposure_ms") == best),
             columns=_COLUMNS,
             title=f"best exposure time for {counted(len(self.features), 'feature')}: {best:g} ms",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from exposight.errors import InputError, MissingFileError
+from exposight.errors import InputError
 from exposight.files import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
@@ -138,18 +138,8 @@ class SensorModels:
     ) -> Forecast:
         """Predict the quality of the features that a view sees, over exposure time (`forecast`).
 
-        Parameters
-        ----------
-        view : View or sequence of FeatureView
-            What the sensor sees, such as `Campaign.view` returns.
-        exposures_ms : sequence of float, ms, optional
-            Exposure times to look at; settings of the sensor over the range that was trained on if
-            left out.
-
-        Raises
-        ------
-        InputError
-            If there is no visible feature or no exposure time.
+        `Campaign.view` returns what a pose sees. Exposure times, in ms, are settings of the sensor
+        over the range that was trained on if they are left out.
         """
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
         return forecast(self.quality, self.exposure, view, times_ms)
@@ -198,34 +188,23 @@ class SensorModels:
         return quality, exposure
 
     @classmethod
-    def load(cls, folder: str | Path) -> SensorModels:
-        """Read the models of a folder that holds one for quality and one for exposure time.
+    def load(cls, *paths: str | Path) -> SensorModels:
+        """Read two model files, or the folder that holds them.
 
         Raises
         ------
-        MissingFileError
-            If there is no model for one of them.
         InputError
-            If there are several: load the wanted ones with `load_model`.
+            If they are not one for quality and one for exposure time.
         FileError
             If a file cannot be read.
         """
-        models = [load_model(path) for path in sorted(Path(folder).glob(f"*{MODEL_SUFFIX}"))]
-        wanted = []
-        for target in ("p_norm", "exposure_ms"):
-            fitting = [model for model in models if model.target == target]
-            if not fitting:
-                msg = f"{folder}: no model file that predicts {target}"
-                raise MissingFileError(msg)
-            if len(fitting) > 1:
-                names = ", ".join(model.name for model in fitting)
-                msg = (
-                    f"{folder}: several models predict {target} ({names}); load the wanted ones "
-                    "with load_model and pass them to SensorModels"
-                )
-                raise InputError(msg)
-            wanted.append(fitting[0])
-        return cls(quality=wanted[0], exposure=wanted[1])
+        files = [
+            file
+            for path in map(Path, paths)
+            for file in (sorted(path.glob(f"*{MODEL_SUFFIX}")) if path.is_dir() else (path,))
+        ]
+        quality, exposure = _one_of_each([load_model(file) for file in files])
+        return cls(quality=quality, exposure=exposure)
 
     @property
     def table(self) -> Table:
@@ -249,6 +228,22 @@ class SensorModels:
         return self.table._repr_html_()
 
 
+_Model = TypeVar("_Model", "Predictor", "ModelSpecification")
+
+
+def _one_of_each(models: Sequence[_Model]) -> tuple[_Model, _Model]:
+    """Return the quality model and the exposure-time model of two."""
+    by_target = {each.target: each for each in models}
+    if len(models) != 2 or set(by_target) != {"p_norm", "exposure_ms"}:
+        got = ", ".join(f"{each.name} ({each.target})" for each in models) or "none"
+        msg = (
+            "expected one model that predicts p_norm and one that predicts exposure_ms, got "
+            f"{got}; give the two that are wanted"
+        )
+        raise InputError(msg)
+    return by_target["p_norm"], by_target["exposure_ms"]
+
+
 def train(
     table: ObservationTable,
     *,
@@ -265,7 +260,6 @@ def train(
     Parameters
     ----------
     table : ObservationTable
-        Observations.
     models : sequence of str or ModelSpecification
         One that predicts p_norm and one that predicts the exposure time, in any order: names of
         the paper's models, or one's own specifications.
@@ -285,14 +279,8 @@ def train(
         If a model is unknown, or there is not one for each of quality and exposure time.
     """
     specifications = [model_named(each) if isinstance(each, str) else each for each in models]
-    if sorted(each.target for each in specifications) != ["exposure_ms", "p_norm"]:
-        msg = (
-            "expected one model that predicts p_norm and one that predicts exposure_ms, got "
-            f"{', '.join(f'{each.name} ({each.target})' for each in specifications) or 'none'}"
-        )
-        raise InputError(msg)
-    exposure, quality = train_all(
-        sorted(specifications, key=lambda each: each.target),
+    quality, exposure = train_all(
+        _one_of_each(specifications),
         table,
         seed=seed,
         sensor=sensor,
