@@ -8,4 +8,4 @@ from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, Mod
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh
-from exposight.report.study_page import StudyFiles, write_study
+from exposight.report.study_page import write_study

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import json
 import re
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,7 +22,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from exposight.report.palette import ACCENT, GRID, INK, MUTED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     import plotly.graph_objects as go
     from matplotlib.axes import Axes
@@ -216,7 +215,9 @@ def draw_still(
     draw : callable
         Fills the figure it is given.
     """
-    with _style():
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
         layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
         figure = Figure(figsize=size_in, layout=layout)
         FigureCanvasAgg(figure)
@@ -232,14 +233,6 @@ def draw_still(
     return Still(
         name=name, title=title, png=png.getvalue(), svg=svg.getvalue(), width_in=size_in[0]
     )
-
-
-@contextmanager
-def _style() -> Iterator[None]:
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
-        yield
 
 
 def plain_axes(axes: Axes, x: str, y: str) -> None:

@@ -6,10 +6,12 @@ and words. Text is escaped unless it is `markupsafe.Markup`.
 
 from __future__ import annotations
 
+import itertools
 import math
 import platform
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,27 +151,6 @@ def prose(text: str) -> Markup:
     return Markup(_COLUMN.sub(lambda name: quantity(name[0]).html, escape(text.replace("'", "’"))))
 
 
-@dataclass
-class _Outline:
-    """What a page has so far: its sections' titles, figures, and whether any is interactive."""
-
-    sections: list[str] = field(default_factory=list)
-    figures: int = 0
-    interactive: bool = False
-
-    def section(self, title: str) -> int:
-        self.sections.append(title)
-        return len(self.sections)
-
-    def figure(self) -> int:
-        self.figures += 1
-        return self.figures
-
-    def plot(self) -> str:
-        self.interactive = True
-        return ""
-
-
 def render_page(template: str, *, title: str, lead: str, **content: Any) -> str:
     """Return a self-contained page.
 
@@ -197,18 +178,22 @@ def render_page(template: str, *, title: str, lead: str, **content: Any) -> str:
         "prose": prose, "symbol": lambda name: Markup(quantity(name).html),
         "quantity": quantity, "parameter": parameter_symbol, "unbroken": _unbroken,
     }  # fmt: skip
-    outline = _Outline()
-    environment.globals |= {"outline": outline, "versions": _versions()}
+    sections: list[str] = []
+    environment.globals |= {
+        "sections": sections, "next_figure": partial(next, itertools.count(1)),
+        "versions": f"exposight {__version__}, numpy {np.__version__}, scipy {scipy.__version__}, "
+        f"Python {platform.python_version()}",
+    }  # fmt: skip
     body = environment.get_template(template).render(**content)
+    interactive = '<div class="plot' in body
     return environment.get_template("page.html").render(
         title=title,
         lead=lead,
         body=Markup(body),
         style=_raw("page.css"),
         script=_raw("page.js"),
-        plotly=Markup(get_plotlyjs().replace("</script", r"<\/script"))
-        if outline.interactive
-        else "",
+        interactive=interactive,
+        plotly=Markup(get_plotlyjs().replace("</script", r"<\/script")) if interactive else "",
         version=__version__,
     )
 
@@ -222,10 +207,3 @@ def _unbroken(body: Markup) -> Markup:
     parts = _SCRIPT_OR_PICTURE.split(str(body))
     parts[::2] = [_BEFORE_UNIT.sub("\u00a0", text) for text in parts[::2]]
     return Markup("".join(parts))
-
-
-def _versions() -> str:
-    return (
-        f"exposight {__version__}, numpy {np.__version__}, scipy {scipy.__version__}, "
-        f"Python {platform.python_version()}"
-    )

@@ -23,20 +23,8 @@ from exposight.paper import (
     study_figures,
     table_files,
 )
+from exposight.report import study_observed, study_predicted
 from exposight.report.rendering import render_page
-from exposight.report.study_observed import (
-    brightness_still,
-    dependence_still,
-    exposure_row_still,
-    learning_still,
-    positions_still,
-)
-from exposight.report.study_predicted import (
-    best_and_worst_still,
-    forecast_still,
-    kernel_still,
-    surfaces_still,
-)
 from exposight.workers import Progress, ignore_progress
 
 if TYPE_CHECKING:
@@ -154,31 +142,33 @@ def draw_figures(
 def _draw(name: str, data: FigureData) -> Still:
     match data:
         case KernelExamples():
-            return kernel_still(name, "What the choice of a kernel does", data)
+            return study_predicted.kernel_still(name, "What the choice of a kernel does", data)
         case BrightnessCurves():
             title = f"Quality over brightness, {_SENSOR_TITLES[data.sensor]}"
-            return brightness_still(name, title, data)
+            return study_observed.brightness_still(name, title, data)
         case BestAndWorst():
             title = f"Best and worst predictions of the {_target(data.target)}"
-            return best_and_worst_still(name, title, data)
+            return study_predicted.best_and_worst_still(name, title, data)
         case PredictionSurfaces():
             title = f"Predicted {_target(data.target)} over the sensor’s field"
-            return surfaces_still(name, f"{title}, {_SENSOR_TITLES[data.sensor]}", data)
+            return study_predicted.surfaces_still(
+                name, f"{title}, {_SENSOR_TITLES[data.sensor]}", data
+            )
         case ExposureRow():
             title = f"Exposure time over brightness, {_SENSOR_TITLES[data.sensor]}"
-            return exposure_row_still(name, title, data)
+            return study_observed.exposure_row_still(name, title, data)
         case CaptureForecast():
-            return forecast_still(name, "One capture: truth and predictions", data)
+            return study_predicted.forecast_still(name, "One capture: truth and predictions", data)
         case DependenceMatrix():
             title = "How strongly the variables depend on each other"
-            return dependence_still(name, title, data)
+            return study_observed.dependence_still(name, title, data)
         case TrainingPositions():
             title = "Where the training features stood to the sensor"
-            return positions_still(name, title, data)
+            return study_observed.positions_still(name, title, data)
         case LearningCurve():
             target = _target("p_norm" if data.variant.startswith("q") else "exposure_ms")
             title = f"Scores of a model of the {target} over the number of training observations"
-            return learning_still(name, title, data)
+            return study_observed.learning_still(name, title, data)
 
 
 def _target(column: str) -> str:
