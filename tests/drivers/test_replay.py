@@ -13,7 +13,7 @@ from exposight.measuring import measure, measure_observations, recorded_driver
 from exposight.observing import observe_campaign
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_campaign_is_measured_again_from_its_recording(tmp_path, alone, sheet_plan, workers):
     replay = ReplayDriver(alone)
     campaign = measure(sheet_plan, replay, tmp_path, workers=workers)

@@ -184,6 +184,7 @@ def test_an_unfinished_table_has_one_writer(tmp_path, sheet_plan, cell):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_told_and_costs_no_capture(
     tmp_path, alone, cell, sheet_plan, content, reports
 ):

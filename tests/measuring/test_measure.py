@@ -78,6 +78,7 @@ def test_four_workers_give_the_same_bytes_as_one(
     assert reports == [(done, 8) for done in (0, 2, 4, 6, 8)]
 
 
+@pytest.mark.slow
 def test_rings_only_measure_the_same_as_whole_frames(whole, alone):
     rings = observe_campaign(CampaignFolder(alone)).frame
     same_view = rings.filter(rings["view"] == "middle-x1-y1")
@@ -91,6 +92,7 @@ def test_whole_frames_are_organised(whole):
     assert max(capture.cloud.n_valid for capture in captures) > 10_000
 
 
+@pytest.mark.slow
 def test_observing_at_once_equals_observing_the_campaign(alone, cell, sheet_plan, reports):
     table = measure_observations(sheet_plan, cell(sheet_plan), workers=2, progress=reports)
     assert table.frame.equals(observe_campaign(CampaignFolder(alone)).frame)
@@ -115,6 +117,7 @@ def cloudless(tmp_path_factory, sheet_plan, cell) -> CampaignFolder:
     return measure(sheet_plan, cell(sheet_plan), folder, clouds=False, workers=2)
 
 
+@pytest.mark.slow
 def test_without_clouds_images_and_poses_are_the_same(cloudless, alone):
     for capture, whole in zip(cloudless.captures(), CampaignFolder(alone).captures(), strict=True):
         assert capture.cloud is None
@@ -124,17 +127,20 @@ def test_without_clouds_images_and_poses_are_the_same(cloudless, alone):
     assert not list(cloudless.path.rglob("cloud.npz"))
 
 
+@pytest.mark.slow
 def test_without_clouds_the_observations_lie_in_the_campaign(cloudless, alone):
     table = read_observations(cloudless.path / "observations.csv")
     assert table.frame.equals(observe_campaign(CampaignFolder(alone)).frame)
 
 
+@pytest.mark.slow
 def test_what_was_kept_without_clouds_is_not_observed_again(cloudless):
     message = "view 'middle-x1-y1' at 30 ms was kept without its cloud.*see observations.csv"
     with pytest.raises(CloudError, match=message):
         observe_campaign(cloudless)
 
 
+@pytest.mark.slow
 def test_a_campaign_without_clouds_goes_on(tmp_path, cloudless, sheet_plan, cell, content):
     folder = tmp_path / "campaign"
     shutil.copytree(cloudless.path, folder)
@@ -145,6 +151,7 @@ def test_a_campaign_without_clouds_goes_on(tmp_path, cloudless, sheet_plan, cell
 
 
 @pytest.mark.parametrize("rings_only", [False, True])
+@pytest.mark.slow
 def test_raw_frames_decode_to_the_very_cloud(tmp_path, rings_only, one_view, cell):
     driver = cell(one_view, rings_only=rings_only, raw_frames=True)
     campaign = measure(one_view, driver, tmp_path)
@@ -186,6 +193,7 @@ def test_frames_are_checksummed(tmp_path, one_view, cell):
         [*campaign.attachments(0).values()]
 
 
+@pytest.mark.slow
 def test_frames_of_a_stereo_sensor_are_both_images(tmp_path, cell):
     campaign = measure(STEREO, cell(STEREO, rings_only=False, raw_frames=True), tmp_path)
     (capture,) = campaign.captures()
@@ -278,6 +286,7 @@ def test_the_plan_lies_in_the_folder(alone, sheet_plan):
     assert read_plan(alone / "plan.toml") == sheet_plan
 
 
+@pytest.mark.slow
 def test_an_error_in_a_worker_names_plan_view_and_capture(tmp_path, cell, sheet_plan):
     def block(stage: str, done: int, _total: int) -> None:
         if (stage, done) == ("measuring", 0):

@@ -33,6 +33,8 @@ SETTINGS = DemonstrationSettings(
     workers=1,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

@@ -14,7 +14,7 @@ from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import observe_capture, orientation_deg, point_search, view_features
 from exposight.twin.part import DOOR, FINISHES, door
 from exposight.twin.part import car_door as door_module
-from exposight.twin.part.car_door import CACHE_VARIABLE, cache_folder
+from exposight.twin.part.car_door import CACHE_VARIABLE, build_door, cache_folder
 
 BEFORE_INSIDE = RigidTransform()
 BEFORE_OUTSIDE = RigidTransform.from_fanuc_wpr((0, 0, 0), 0, 180, 0)
@@ -32,13 +32,18 @@ PERFECT_TOLERANCE = 0.05
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
+def scene():
+    return door()
 
 
 @pytest.fixture(scope="module")
-def scene(cache):
-    return door(cache)
+def cache(tmp_path_factory, scene):
+    """A cache that holds the door alone."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(door_module, "build_door", lambda: scene)
+        door(folder)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -313,8 +318,16 @@ def rebuilt(monkeypatch, scene):
     return calls
 
 
+@pytest.mark.slow
+def test_the_door_on_disk_is_what_is_built(scene):
+    built = build_door()
+    np.testing.assert_array_equal(built.vertices, scene.vertices)
+    np.testing.assert_array_equal(built.faces, scene.faces)
+    np.testing.assert_array_equal(built.face_finish, scene.face_finish)
+
+
 @pytest.mark.usefixtures("no_building")
-def test_the_cached_door_is_the_built_one(cache, scene):
+def test_a_cached_door_is_read(cache, scene):
     cached = door(cache)
     np.testing.assert_array_equal(cached.vertices, scene.vertices)
     np.testing.assert_array_equal(cached.faces, scene.faces)
