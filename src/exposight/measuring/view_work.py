@@ -14,7 +14,7 @@ from exposight.measuring.record import check_record, describe, differing
 from exposight.observing import Observation, ObservationTable, Observer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from exposight.cell import Capture, Driver, Part
     from exposight.plans import MeasuringPlan, PlannedView
@@ -80,7 +80,8 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
         with _naming(task, exposure_ms):
             capture = _capture(task, exposure_ms)
             if not task.clouds:
-                rows = observations_csv(observer.observe(capture))
+                table = ObservationTable.from_observations(observer.observe(capture))
+                rows = table.frame.write_csv().encode()
                 capture = replace(
                     capture,
                     cloud=None,
@@ -106,11 +107,6 @@ def observe_view(task: ViewTask) -> list[Observation]:
         with _naming(task, exposure_ms):
             rows += observer.observe(_capture(task, exposure_ms))
     return rows
-
-
-def observations_csv(rows: Sequence[Observation]) -> bytes:
-    """Return rows of an observation table as the content of a CSV file."""
-    return ObservationTable.from_observations(rows).frame.write_csv().encode()
 
 
 def same_exposure(task_ms: float, taken_ms: float, increment_ms: float) -> bool:

@@ -132,10 +132,9 @@ def _gathered(
     normals, positions = seen.normal[on_part], seen.position_mm[on_part]
     _scatter(positions, normals, pixel[on_part], out_origins, out_directions)
     other = light_along_rays(tracer, lamp, out_origins, out_directions, surfaces, with_grain=False)
-    weights = _received(
+    result[on_part] = _received(
         other.radiance, out_directions, normals, directions[on_part], seen.finish[on_part], table
     )
-    result[on_part] = weights
     return result
 
 

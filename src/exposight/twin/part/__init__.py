@@ -1,6 +1,6 @@
 """What light falls on: sheet metal, its shape as a closed mesh, its finishes, its features."""
 
-from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, build_door, door, door_part
+from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
 from exposight.twin.part.scene import (
     FEATURES_FILE,
     MESH_FILE,
@@ -10,12 +10,11 @@ from exposight.twin.part.scene import (
     export_scene,
     read_scene,
 )
-from exposight.twin.part.sheet_mesh import MeshSettings, SheetMesh, mesh_sheet
+from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
 from exposight.twin.part.sheet_shape import (
     Bead,
     Hole,
     Pocket,
-    Press,
     PressProfile,
     RingBead,
     RoundedPolygon,

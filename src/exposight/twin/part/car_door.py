@@ -31,6 +31,7 @@ from exposight.twin.part.sheet_shape import (
     RingBead,
     RoundedPolygon,
     SheetShape,
+    Side,
 )
 from exposight.twin.part.surfaces import FINISHES
 
@@ -62,39 +63,37 @@ def _bead(x0: float, y0: float, x1: float, y1: float) -> Bead:
     return Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
 
 
-def _inside(name: str, x: float, y: float, radius: float, w: float, p: float) -> Hole:
-    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, orientation_deg=(w, p))
-
-
-def _outside(name: str, x: float, y: float, radius: float, w: float, p: float) -> Hole:
-    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, side="outside", orientation_deg=(w, p))
+def _hole(
+    name: str, x: float, y: float, radius: float, w: float, p: float, side: Side = "inside"
+) -> Hole:
+    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, side=side, orientation_deg=(w, p))
 
 
 _TRAINING = (  # Table 9, X: w 1…11°, p −3…1°
-    _inside("f1", 20, 0, 8.0, 5.0, -2.0),
-    _inside("f2", 120, -90, 12.0, 9.0, 0.8),
-    _inside("f3", -70, -105, 5.0, 10.8, -2.8),
-    _inside("f4", 95, 85, 20.0, 1.2, -1.2),
+    _hole("f1", 20, 0, 8.0, 5.0, -2.0),
+    _hole("f2", 120, -90, 12.0, 9.0, 0.8),
+    _hole("f3", -70, -105, 5.0, 10.8, -2.8),
+    _hole("f4", 95, 85, 20.0, 1.2, -1.2),
 )
 _MORE_TRAINING = (  # Table 9, eX⁺: w 1…11°, p −6…1°
-    _inside("f5", 210, -20, 3.0, 5.8, 0.8),
-    _inside("f6", 225, 90, 30.0, 1.2, -1.5),
-    _inside("f7", -10, -175, 10.0, 10.8, -3.0),
-    _inside("f8", -255, -110, 6.5, 8.0, -5.8),
-    _inside("f9", 15, 160, 15.0, 2.6, -4.2),
+    _hole("f5", 210, -20, 3.0, 5.8, 0.8),
+    _hole("f6", 225, 90, 30.0, 1.2, -1.5),
+    _hole("f7", -10, -175, 10.0, 10.8, -3.0),
+    _hole("f8", -255, -110, 6.5, 8.0, -5.8),
+    _hole("f9", 15, 160, 15.0, 2.6, -4.2),
 )
 _TEST = (  # Table 9, X test: w −1…5°, p −13…−3°
-    _inside("f1_test", -90, 15, 6.0, 4.8, -3.2),
-    _inside("f2_test", -165, -60, 16.0, 4.2, -7.5),
-    _inside("f3_test", -60, 110, 25.0, 1.4, -5.4),
-    _inside("f4_test", -200, 75, 4.0, -0.8, -12.8),
+    _hole("f1_test", -90, 15, 6.0, 4.8, -3.2),
+    _hole("f2_test", -165, -60, 16.0, 4.2, -7.5),
+    _hole("f3_test", -60, 110, 25.0, 1.4, -5.4),
+    _hole("f4_test", -200, 75, 4.0, -0.8, -12.8),
 )
 _OUTSIDE = (  # Table 9, X out: w −3…4°, p −2…0°; groups f1 | f2, f3 | f4, f5
-    _outside("f1_out", -60, 262, 10.0, -2.8, -1.8),
-    _outside("f2_out", 70, 262, 5.0, 1.6, -1.2),
-    _outside("f3_out", 180, 255, 20.0, 3.8, -0.2),
-    _outside("f4_out", 300, 255, 8.0, 2.4, -0.6),
-    _outside("f5_out", 400, 250, 13.0, 0.6, -0.1),
+    _hole("f1_out", -60, 262, 10.0, -2.8, -1.8, "outside"),
+    _hole("f2_out", 70, 262, 5.0, 1.6, -1.2, "outside"),
+    _hole("f3_out", 180, 255, 20.0, 3.8, -0.2, "outside"),
+    _hole("f4_out", 300, 255, 8.0, 2.4, -0.6, "outside"),
+    _hole("f5_out", 400, 250, 13.0, 0.6, -0.1, "outside"),
 )
 _OTHERS = tuple(
     Hole(name=f"h{number:02d}", x_mm=x, y_mm=y, radius_mm=radius)

@@ -4,12 +4,8 @@ from exposight.twin.sensors.active_stereo import (
     DOT_ELECTRONICS,
     DOT_LIGHT,
     MATCHED_MM,
-    DotLight,
     DotSensor,
 )
 from exposight.twin.sensors.exposure import CameraElectronics, expose
-from exposight.twin.sensors.patterns import (
-    fringe_sequence,
-    image_frame,
-)
-from exposight.twin.sensors.structured_light import LIMITS, StripeLight, StripeSensor, ring_boxes
+from exposight.twin.sensors.patterns import fringe_sequence
+from exposight.twin.sensors.structured_light import LIMITS, StripeSensor, ring_boxes
