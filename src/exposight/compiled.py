@@ -7,18 +7,14 @@ compiled function called. So a changed docstring compiles nothing again, and a c
 everything that calls it.
 """
 
-from __future__ import annotations
-
 import hashlib
+from collections.abc import Callable, Iterator
 from types import CodeType, FunctionType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
 from numba.core import caching
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 _caching: Any = caching  # its types differ from release to release
 _Function = TypeVar("_Function", bound="Callable[..., Any]")

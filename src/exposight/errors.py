@@ -3,13 +3,8 @@
 Every message says what was expected, what came, and what to do about it.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 class ExposightError(Exception):

@@ -4,8 +4,6 @@ Symbols, units, decimals and full scales of tables, pages, pictures and the comm
 here; nothing else lists them.
 """
 
-from __future__ import annotations
-
 import html
 from dataclasses import KW_ONLY, dataclass
 from functools import partial

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import html
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import polars as pl
 
 from exposight.quantities import QUANTITIES, quantity
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
 
 NO_VALUE = "–"
 

@@ -119,7 +119,7 @@ def test_outside_the_gate_the_prediction_is_exactly_zero_without_variance():
 
 def test_observations_outside_the_gate_do_not_count():
     x, y = observe(300)
-    assert committee_of(x, y).observations == int((~GATED.gate(x)).sum()) < 300
+    assert committee_of(x, y).n_observations == int((~GATED.gate(x)).sum()) < 300
 
 
 def test_threads_change_nothing_and_progress_is_told():
@@ -143,7 +143,7 @@ def test_a_committee_is_rebuilt_from_what_describes_it():
     kernel = kernel_from_dict(first.kernel.to_dict())
     again = Committee.from_shards(kernel, first.noise_variance, first.x, first.y, first.shard)
     assert again.experts == first.experts == 3
-    assert again.observations == first.observations
+    assert again.n_observations == first.n_observations
     one, other = (committee.predict(new, include_noise=True) for committee in (first, again))
     np.testing.assert_array_equal(one.mean, other.mean)
     np.testing.assert_array_equal(one.std, other.std)
@@ -287,7 +287,7 @@ def test_dask_gives_the_same_numbers(fit_here):
 
 def test_a_search_on_some_shards_conditions_on_all():
     result = fitted(search_shards=2)
-    assert result.searched < 200 < result.committee.observations
+    assert result.searched < 200 < result.committee.n_observations
 
 
 def test_bounds_hold():

@@ -10,12 +10,17 @@ from __future__ import annotations
 import json
 import re
 import weakref
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from filelock import BaseFileLock
+
+from exposight import files
 from exposight.cell.capture import (
     Capture,
+    CaptureDescription,
     CaptureKey,
     StoredAttachments,
     read_capture,
@@ -26,28 +31,6 @@ from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError
-from exposight.files import (
-    WRITER_LOCK,
-    Checksum,
-    DocumentFormat,
-    alike,
-    hold_writer_lock,
-    is_unfinished,
-    make_folder,
-    read_bytes,
-    read_verified,
-    sha256_of,
-    sweep_unfinished,
-    write_durably,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
-
-    from filelock import BaseFileLock
-
-    from exposight.cell.capture import CaptureDescription
-
 
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
 _CAPTURES = "captures"
@@ -124,11 +107,11 @@ class _Description:
 
     name: str
     part: str
-    sensor_sha256: Checksum
-    features_sha256: Checksum
+    sensor_sha256: files.Checksum
+    features_sha256: files.Checksum
 
 
-_FORMAT = DocumentFormat("exposight campaign", 1, _Description)
+_FORMAT = files.DocumentFormat("exposight campaign", 1, _Description)
 
 
 class CampaignFolder:
@@ -160,7 +143,7 @@ class CampaignFolder:
         if not path.is_file():
             msg = f"no campaign at {self.path}: expected a folder with {_DESCRIPTION} in it"
             raise MissingFileError(msg)
-        description = _FORMAT.unseal(read_bytes(path, "campaign"), str(path))
+        description = _FORMAT.unseal(files.read_bytes(path, "campaign"), str(path))
         sensor = self._text(_SENSOR, description.sensor_sha256)
         features = self._text(_FEATURES, description.features_sha256)
         self.name = description.name
@@ -171,7 +154,7 @@ class CampaignFolder:
         self.numbers = tuple(sorted(_capture_numbers(self.path / _CAPTURES)))
 
     def _text(self, name: str, sha256: str) -> str:
-        return read_verified(self.path / name, sha256, "file of a campaign").decode("utf-8")
+        return files.read_verified(self.path / name, sha256, "file of a campaign").decode("utf-8")
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -249,7 +232,7 @@ class CampaignWriter:
         """
         path = Path(path)
         _make_folder(path)
-        lock = hold_writer_lock(path, "the campaign")
+        lock = files.hold_writer_lock(path, "the campaign")
         try:
             _sweep(path)
             if not (path / _DESCRIPTION).exists():
@@ -336,8 +319,8 @@ def write_numbered_capture(campaign: Path, number: int, capture: Capture) -> Non
 
 
 def _sweep(campaign: Path) -> None:
-    sweep_unfinished(campaign)
-    sweep_unfinished(campaign / _CAPTURES)
+    files.sweep_unfinished(campaign)
+    files.sweep_unfinished(campaign / _CAPTURES)
 
 
 def _holds(folder: Path, key: CaptureKey) -> bool:
@@ -359,9 +342,9 @@ def _capture_numbers(folder: Path) -> Iterator[int]:
 
 
 def _make_folder(path: Path) -> None:
-    ours = {_CAPTURES, _SENSOR, _FEATURES, WRITER_LOCK}
+    ours = {_CAPTURES, _SENSOR, _FEATURES, files.WRITER_LOCK}
     if path.is_dir() and not (path / _DESCRIPTION).exists():
-        others = [e for e in path.iterdir() if e.name not in ours and not is_unfinished(e)]
+        others = [e for e in path.iterdir() if e.name not in ours and not files.is_unfinished(e)]
         others += list((path / _CAPTURES).glob("[0-9]*"))
         if others:
             msg = (
@@ -369,7 +352,7 @@ def _make_folder(path: Path) -> None:
                 "choose an empty folder or a new one"
             )
             raise FormatError(msg)
-    make_folder(path / _CAPTURES, "a campaign")
+    files.make_folder(path / _CAPTURES, "a campaign")
 
 
 def _create(path: Path, name: str, sensor: ActiveSensor, part: Part) -> None:
@@ -378,22 +361,22 @@ def _create(path: Path, name: str, sensor: ActiveSensor, part: Part) -> None:
     description = _Description(
         name=name,
         part=part.name,
-        sensor_sha256=sha256_of(sensor_json),
-        features_sha256=sha256_of(features_csv),
+        sensor_sha256=files.sha256_of(sensor_json),
+        features_sha256=files.sha256_of(features_csv),
     )
-    write_durably(path / _SENSOR, sensor_json)
-    write_durably(path / _FEATURES, features_csv)
+    files.write_durably(path / _SENSOR, sensor_json)
+    files.write_durably(path / _FEATURES, features_csv)
     # Last, because its presence says that the campaign was made.
-    write_durably(path / _DESCRIPTION, _FORMAT.seal(description))
+    files.write_durably(path / _DESCRIPTION, _FORMAT.seal(description))
 
 
 def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part: Part) -> None:
     """Refuse to mix captures of different sensors or parts in one campaign."""
     if campaign.name != name:
         difference = f"is called {campaign.name!r} and not {name!r}"
-    elif not alike(json.loads(campaign.sensor.to_json()), json.loads(sensor.to_json())):
+    elif not files.alike(json.loads(campaign.sensor.to_json()), json.loads(sensor.to_json())):
         difference = f"was taken by a sensor {campaign.sensor.name!r} that differs from the one now"
-    elif not alike(_outline(campaign.part), _outline(part)):
+    elif not files.alike(_outline(campaign.part), _outline(part)):
         difference = f"is of a part {campaign.part.name!r} that differs from the one now"
     else:
         return

@@ -1,41 +1,25 @@
 """A capture: what a sensor delivered at one view with one exposure time, and its folder on disk."""
 
-from __future__ import annotations
-
 import io
 import math
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
+from pathlib import Path
+from typing import Annotated, NamedTuple, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
+from exposight import files
 from exposight.cell.cloud import Cloud
 from exposight.cell.image import GREY_MAX, Image, check_levels, full_scale, png_bytes
-from exposight.cell.sensor import StoredPose
+from exposight.cell.sensor import ActiveSensor, StoredPose
 from exposight.errors import CloudError, FormatError, ImageError, InputError
-from exposight.files import (
-    Checksum,
-    DocumentFormat,
-    durable_folder,
-    read_bytes,
-    read_verified,
-    sha256_of,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from exposight.cell.sensor import ActiveSensor
-    from exposight.geometry import RigidTransform
-
+from exposight.geometry import RigidTransform
 
 _DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz")
 
@@ -212,9 +196,9 @@ class CaptureDescription:
     emulated: bool
     notes: str
     camera_from_part: StoredPose
-    image_sha256: Checksum
-    cloud_sha256: Checksum | None
-    beside_sha256: dict[Annotated[str, Field(pattern=f"^{_FILE_NAME}$")], Checksum] = field(
+    image_sha256: files.Checksum
+    cloud_sha256: files.Checksum | None
+    beside_sha256: dict[Annotated[str, Field(pattern=f"^{_FILE_NAME}$")], files.Checksum] = field(
         default_factory=dict
     )
     """Of the attachments; not in version 1."""
@@ -228,7 +212,7 @@ class CaptureDescription:
 _DESCRIBED = ("view", "exposure_ms", "bit_depth", "emulated", "notes", "camera_from_part")
 """Fields that a capture and its description share."""
 
-_FORMAT = DocumentFormat("exposight capture", 2, CaptureDescription)
+_FORMAT = files.DocumentFormat("exposight capture", 2, CaptureDescription)
 """2: a capture may lack its cloud, and have attachments."""
 
 
@@ -247,18 +231,18 @@ def write_capture(folder: Path, capture: Capture) -> None:
     FileError
         If the disk is full or refuses for another reason.
     """
-    files = {**capture.attachments, _IMAGE: png_bytes(capture.image)}
+    contents = {**capture.attachments, _IMAGE: png_bytes(capture.image)}
     if capture.cloud is not None:
-        files[_CLOUD] = _npz(capture.cloud)
-    checksums = {name: sha256_of(content) for name, content in files.items()}
+        contents[_CLOUD] = _npz(capture.cloud)
+    checksums = {name: files.sha256_of(content) for name, content in contents.items()}
     description = CaptureDescription(
         **{name: getattr(capture, name) for name in _DESCRIBED},
         image_sha256=checksums.pop(_IMAGE),
         cloud_sha256=checksums.pop(_CLOUD, None),
         beside_sha256=checksums,
     )
-    with durable_folder(folder) as unfinished:
-        for name, content in files.items():
+    with files.durable_folder(folder) as unfinished:
+        for name, content in contents.items():
             (unfinished / name).write_bytes(content)
         (unfinished / _DESCRIPTION).write_bytes(_FORMAT.seal(description))
 
@@ -272,7 +256,7 @@ def read_description(folder: Path) -> CaptureDescription:
         As `read_capture`.
     """
     path = folder / _DESCRIPTION
-    return _FORMAT.unseal(read_bytes(path, "file of a campaign"), str(path))
+    return _FORMAT.unseal(files.read_bytes(path, "file of a campaign"), str(path))
 
 
 def read_capture(folder: Path) -> Capture:
@@ -334,7 +318,7 @@ class StoredAttachments(Mapping[str, bytes]):
 
 
 def _verified(path: Path, sha256: str) -> bytes:
-    return read_verified(path, sha256, "file of a campaign")
+    return files.read_verified(path, sha256, "file of a campaign")
 
 
 def _image_from_png(data: bytes, path: Path) -> Image:

@@ -14,18 +14,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
+from numpy.typing import ArrayLike, NDArray
 from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.ply import ply_from_points, points_from_ply
 from exposight.errors import CloudError, DamagedFileError, FormatError
 from exposight.files import check_columns, is_number, read_bytes, write_durably
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,14 +38,11 @@ Optional members, which the loop looks up by name:
     Further files for the campaign's folder, by name, such as what raw frames mean.
 """
 
-from __future__ import annotations
+from typing import Protocol
 
-from typing import TYPE_CHECKING, Protocol
-
-if TYPE_CHECKING:
-    from exposight.cell.capture import Capture
-    from exposight.cell.sensor import ActiveSensor
-    from exposight.geometry import RigidTransform
+from exposight.cell.capture import Capture
+from exposight.cell.sensor import ActiveSensor
+from exposight.geometry import RigidTransform
 
 
 class Driver(Protocol):

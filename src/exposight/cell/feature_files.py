@@ -1,25 +1,19 @@
 """The list of a part's features as CSV (``docs/formats.md``)."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell.part import RULES, Feature, FeatureKind, check_unique_names
 from exposight.errors import FeatureError, FormatError
 from exposight.files import check_columns, read_text, write_durably
 from exposight.geometry import RigidTransform, rotation_facing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import NDArray
-
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
 _OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz")

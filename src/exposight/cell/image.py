@@ -1,7 +1,5 @@
 """Grey images: bit depths, full scale, and the 8-bit scale on which brightness is given."""
 
-from __future__ import annotations
-
 from typing import Any, Literal, TypeAlias, get_args
 
 import cv2

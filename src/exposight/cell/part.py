@@ -5,22 +5,14 @@ hollow cylinder in the feature's frame, add it to `RULES`, and its name to `Feat
 masks, observations and models then handle it without further changes.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from exposight.errors import FeatureError
-from exposight.geometry import HollowCylinder
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from exposight.geometry import RigidTransform
-
+from exposight.geometry import HollowCylinder, RigidTransform
 
 FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
 

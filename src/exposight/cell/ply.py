@@ -4,22 +4,15 @@ Scanners write the size of an organised cloud as ``obj_info num_cols`` and ``obj
 with one vertex per pixel. General mesh readers drop these lines, hence this reader.
 """
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
+from numpy.typing import NDArray
 
 from exposight.errors import DamagedFileError, FormatError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
 
 _CODES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16"}
 _CODES |= {"i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64"}

@@ -1,14 +1,10 @@
 """The command line: every stage of the method, for people and, with ``--json``, for machines."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from exposight.cli.interrupts import ended_by_interrupts
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

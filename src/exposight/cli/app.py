@@ -4,12 +4,11 @@ A failure that exposight foresees ends in one line on standard error and exit st
 in status 2, Ctrl-C in 130; with ``--json``, each in one JSON object on standard output.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.exceptions import MissingArgumentError
@@ -18,9 +17,6 @@ from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
 from exposight.cli.terminal import print_error, print_json, quit_quietly
 from exposight.errors import ExposightError, did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 COMMANDS = {
     "demo": "Run the whole method once on a simulated cell.",

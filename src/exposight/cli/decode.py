@@ -1,39 +1,25 @@
 """``exposight decode``: frames to an organised cloud."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import cv2
 import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 
-from exposight.cell import write_cloud
+from exposight import imaging
+from exposight.cell import Cloud, write_cloud
 from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import CloudError
 from exposight.files import write_durably
-from exposight.geometry import read_projector_camera
-from exposight.imaging import (
-    DecodingLimits,
-    decode,
-    read_recording,
-    sequence_named_or_read,
-    triangulate,
-)
+from exposight.geometry import ProjectorCamera, read_projector_camera
 from exposight.tables import Column, Table, count, number
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import Cloud
-    from exposight.geometry import ProjectorCamera
-    from exposight.imaging import DecodedMap, DecodingCounts
-
-_LIMITS = DecodingLimits()
+_LIMITS = imaging.DecodingLimits()
 _MEANINGS = {
     "decoded": "every coded axis was read",
     "low_modulation": "unlit, or too dark",
@@ -55,7 +41,7 @@ def decode_command(
         tuple[float, float], Parameter("--depth-limits", metavar="NEAR FAR")
     ] = (0.0, np.inf),
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
-    limits: Annotated[DecodingLimits, Parameter("*")] = _LIMITS,
+    limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
 ) -> Result:
     """Decode recorded stripe frames to an organised point cloud.
 
@@ -97,11 +83,11 @@ def decode_command(
         for path, kind in ((output, "cloud"), (preview, "preview"))
         if path is not None
     ]
-    patterns = sequence_named_or_read(sequence)
+    patterns = imaging.sequence_named_or_read(sequence)
     rig = read_projector_camera(calibration, projector_size=projector_size)
     start = time.perf_counter()
-    stack = read_recording(folder, patterns)
-    decoded = decode(stack, patterns, limits)
+    stack = imaging.read_recording(folder, patterns)
+    decoded = imaging.decode(stack, patterns, limits)
     if preview is not None:
         _write_preview(preview, decoded)  # first: it helps to see why there are no points
     cloud = _triangulated(decoded, rig, depth_limits_mm)
@@ -133,9 +119,9 @@ def decode_command(
 
 
 def _triangulated(
-    decoded: DecodedMap, rig: ProjectorCamera, depth_limits_mm: tuple[float, float]
+    decoded: imaging.DecodedMap, rig: ProjectorCamera, depth_limits_mm: tuple[float, float]
 ) -> Cloud:
-    return triangulate(
+    return imaging.triangulate(
         decoded,
         camera=rig.camera,
         projector=rig.projector,
@@ -144,7 +130,7 @@ def _triangulated(
     )
 
 
-def _pixel_table(counts: DecodingCounts) -> Table:
+def _pixel_table(counts: imaging.DecodingCounts) -> Table:
     """Return how many pixels were decoded, and why the others were not."""
     numbers = asdict(counts)
     return Table.of(
@@ -168,7 +154,7 @@ def _pixel_table(counts: DecodingCounts) -> Table:
 
 
 def _why_empty(
-    decoded: DecodedMap,
+    decoded: imaging.DecodedMap,
     rig: ProjectorCamera,
     depth_limits_mm: tuple[float, float],
     min_modulation: float,
@@ -199,7 +185,7 @@ def _why_empty(
     )
 
 
-def _write_preview(path: Path, decoded: DecodedMap) -> None:
+def _write_preview(path: Path, decoded: imaging.DecodedMap) -> None:
     """Write coordinate and modulation side by side as a PNG."""
     axes = ((decoded.column, decoded.projector_width), (decoded.row, decoded.projector_height))
     share = next(coordinate / size for coordinate, size in axes if coordinate is not None)

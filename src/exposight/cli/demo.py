@@ -1,7 +1,5 @@
 """``exposight demo``: the whole method once, on the simulated cell."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """``exposight evaluate``: models on held-out observations."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Annotated

@@ -1,10 +1,8 @@
 """``exposight forecast``: the quality of every feature that a pose sees, over exposure time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import polars as pl
 from cyclopts import Group, Parameter
@@ -16,13 +14,9 @@ from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
 from exposight.files import write_durably
 from exposight.models import P_NORM_MIN
-from exposight.observing import View, open_campaign, view_features
-from exposight.planning import SensorModels
+from exposight.observing import Campaign, View, open_campaign, view_features
+from exposight.planning import Forecast, SensorModels
 from exposight.tables import Column, Table, number
-
-if TYPE_CHECKING:
-    from exposight.observing import Campaign
-    from exposight.planning import Forecast
 
 _FEW_TIMES = 8
 """So many exposure times are shown on a terminal."""

@@ -4,18 +4,12 @@ An import that `KeyboardInterrupt` tears open ends in a traceback at best; compi
 swallow it, or turn it into another error. It imports next to nothing, to be there first.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 INTERRUPTED = 130  # the exit status, as shells have it: 128 + SIGINT
 

@@ -1,41 +1,28 @@
 """``exposight measure``: a measuring plan to a campaign, by any driver."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 from cyclopts.types import PositiveInt
 
+from exposight import measuring
 from exposight.cell import CampaignFolder, preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.observe import visibility_table
-from exposight.cli.result import Result, Written, fact
+from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.drivers import ReplayDriver
 from exposight.errors import InputError, did_you_mean
-from exposight.measuring import (
-    OBSERVATIONS_FILE,
-    check_table_path,
-    measure,
-    measure_observations,
-    views_folder,
-)
-from exposight.plans import PLAN_SUFFIXES, PLANS, read_plan
+from exposight.plans import PLAN_SUFFIXES, PLANS, MeasuringPlan, read_plan
 from exposight.tables import count, counted, number
 from exposight.twin import SimulatedCell
 from exposight.workers import usual_workers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from exposight.cli.result import Fact
-    from exposight.plans import MeasuringPlan
 
 
 @Parameter("*", group=Group("What is kept, and who works", sort_key=2))
@@ -132,23 +119,27 @@ def carry_out(
     workers = options.workers or (1 if options.cluster else usual_workers())
     start = time.perf_counter()
     output = options.output or Path("observations.csv" if options.observe else "campaign")
-    kept_in = views_folder(output) if options.observe else output
+    kept_in = measuring.views_folder(output) if options.observe else output
     before = len(CampaignFolder(output)) if (output / "campaign.json").is_file() else 0
     if options.observe:
-        check_table_path(output)  # before anything that takes time
+        measuring.check_table_path(output)  # before anything that takes time
     files = [Written.at(output, "observations" if options.observe else "campaign")]
     run: dict[str, Any] = {"workers": workers, "cluster": options.cluster}
     with progress_bars(kept_in=kept_in) as progress:
         driver = make_driver()
         if options.observe:
-            table = measure_observations(plan, driver, table_path=output, progress=progress, **run)
+            table = measuring.measure_observations(
+                plan, driver, table_path=output, progress=progress, **run
+            )
         else:
             clouds = not options.no_clouds
-            measure(plan, driver, output, clouds=clouds, progress=progress, **run)
+            measuring.measure(plan, driver, output, clouds=clouds, progress=progress, **run)
     seconds = time.perf_counter() - start
     next_step = f"{'train' if options.observe else 'observe'} {quote(str(output))}"
     if options.no_clouds:
-        files.append(Written(kind="observations", path=output / OBSERVATIONS_FILE, replaced=False))
+        files.append(
+            Written(kind="observations", path=output / measuring.OBSERVATIONS_FILE, replaced=False)
+        )
         next_step = f"train {quote(str(files[-1].path))}"
     planned = plan.views(driver.part)
     exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]

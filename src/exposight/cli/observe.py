@@ -1,40 +1,22 @@
 """``exposight observe``: captures to a table of observations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import Annotated, Literal, cast
 
 import numpy as np
 from cyclopts import Group, Parameter
+from numpy.typing import NDArray
 
-from exposight.cell import (
-    PAPER_TOLERANCE,
-    BitDepth,
-    CampaignFolder,
-    Capture,
-    MemoryCampaign,
-    Part,
-    RingTolerance,
-    read_cloud,
-    read_features,
-    sensor_named_or_read,
-)
+from exposight import cell
 from exposight.cli.app import UsageError
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError
 from exposight.imaging import read_frames
-from exposight.observing import observe_campaign
+from exposight.observing import ObservationTable, observe_campaign
 from exposight.tables import Column, Table, count
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import CaptureSource
-    from exposight.observing import ObservationTable
 
 _RANGES = (
     *("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm"),
@@ -68,7 +50,7 @@ class SingleCapture(PoseOptions):
     """
 
     image: Path | None = None
-    bit_depth: BitDepth | None = None
+    bit_depth: cell.BitDepth | None = None
     cloud: Path | None = None
     cloud_unit: Literal["mm", "cm", "m"] | None = None
     features: Path | None = None
@@ -81,7 +63,7 @@ class SingleCapture(PoseOptions):
             f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None
         ]
 
-    def source(self) -> MemoryCampaign:
+    def source(self) -> cell.MemoryCampaign:
         """Read the files and return a campaign of this one capture.
 
         Raises
@@ -102,17 +84,19 @@ class SingleCapture(PoseOptions):
             raise UsageError(self._missing())
         bit_depth = self.bit_depth or 8
         frames = read_frames([self.image], bit_depth=bit_depth).frames
-        capture = Capture(
+        capture = cell.Capture(
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
             image=cast("NDArray[np.uint8] | NDArray[np.uint16]", frames[0]),
-            cloud=read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
+            cloud=cell.read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
             camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,
         )
-        part = Part(name=self.features.stem, features=read_features(self.features))
-        sensor = sensor_named_or_read(self.sensor)
-        return MemoryCampaign(name=str(self.image), sensor=sensor, part=part, captures=[capture])
+        part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
+        sensor = cell.sensor_named_or_read(self.sensor)
+        return cell.MemoryCampaign(
+            name=str(self.image), sensor=sensor, part=part, captures=[capture]
+        )
 
     def _missing(self) -> str:
         needed = ("--image", "--cloud", "--features", "--sensor", "--exposure-ms")
@@ -137,7 +121,7 @@ def observe_command(
     /,
     *,
     output: Annotated[Path, Parameter(alias="-o")] = Path("observations.csv"),
-    tolerance: Annotated[RingTolerance, _REGION] = PAPER_TOLERANCE,
+    tolerance: Annotated[cell.RingTolerance, _REGION] = cell.PAPER_TOLERANCE,
     single: SingleCapture = _NO_CAPTURE,
 ) -> Result:
     r"""Measure quality, brightness and pose of every feature in every capture.
@@ -201,7 +185,7 @@ def visibility_table(table: ObservationTable) -> Table:
     )
 
 
-def _source(campaign: Path | None, single: SingleCapture) -> CaptureSource:
+def _source(campaign: Path | None, single: SingleCapture) -> cell.CaptureSource:
     """Return what is to be observed: a campaign's folder, or else a single capture."""
     if campaign is None:
         return single.source()
@@ -211,7 +195,7 @@ def _source(campaign: Path | None, single: SingleCapture) -> CaptureSource:
     if campaign.is_file() and campaign.suffix.lower() in {".csv", ".parquet"}:
         msg = f"{campaign}: a table; expected a campaign's folder, which has a campaign.json"
         raise FormatError(msg)
-    return CampaignFolder(campaign)
+    return cell.CampaignFolder(campaign)
 
 
 def _measured(table: ObservationTable) -> list[Table]:

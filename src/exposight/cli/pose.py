@@ -1,18 +1,13 @@
 """The pose of a part on the command line: a matrix in a file, or as a robot writes it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from exposight.cli.app import UsageError
-from exposight.geometry import parse_pose, read_pose
-
-if TYPE_CHECKING:
-    from exposight.geometry import RigidTransform
+from exposight.geometry import RigidTransform, parse_pose, read_pose
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,27 +1,21 @@
 """``exposight predict``: quality or exposure time from poses, one by one or as a table."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import polars as pl
 from cyclopts import Parameter
 
 from exposight.cli.app import UsageError
-from exposight.cli.result import Result, Written, fact
+from exposight.cli.result import Fact, Result, Written, fact
 from exposight.errors import FormatError, InputError, did_you_mean
 from exposight.files import write_durably
-from exposight.models import I_AVG_MIN, load_model, unit_remarks
+from exposight.models import I_AVG_MIN, Prediction, Predictor, load_model, unit_remarks
 from exposight.observing import read_inputs
 from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import Column, Table, count, counted, number
-
-if TYPE_CHECKING:
-    from exposight.cli.result import Fact
-    from exposight.models import Prediction, Predictor
 
 _SHOWN_ROWS = 20
 

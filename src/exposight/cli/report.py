@@ -1,7 +1,5 @@
 """``exposight report``: one page of a campaign or table, and of what models make of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,10 +1,8 @@
 """``exposight reproduce``: the paper's study, in the simulated cell or on recorded campaigns."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import polars as pl
 from cyclopts import Parameter
@@ -12,13 +10,10 @@ from cyclopts import Parameter
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FileError, MissingFileError
-from exposight.paper import StudySettings, run_study
+from exposight.paper import StudyResult, StudySettings, run_study
 from exposight.report import write_study
 from exposight.tables import Column, Table
 from exposight.workers import usual_workers
-
-if TYPE_CHECKING:
-    from exposight.paper import StudyResult
 
 _SHOWN = (
     ("q_k1", "test"),

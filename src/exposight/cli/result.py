@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from rich import box
 from rich.table import Table as Grid
@@ -12,13 +13,7 @@ from rich.text import Text
 from exposight.cli.terminal import console
 from exposight.errors import FileError
 from exposight.quantities import QUANTITIES
-from exposight.tables import Column, count
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from exposight.tables import Table
+from exposight.tables import Column, Table, count
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,29 +1,17 @@
 """``exposight sensor``: a calibration, and what it does not hold, to a sensor's document."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
 
+from exposight import geometry
 from exposight.cell import ActiveSensor, ExposureRange, Projector, write_sensor
 from exposight.cli.app import UsageError
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.errors import FormatError, SensorError
-from exposight.geometry import (
-    KNOWN_KEYS,
-    RigidTransform,
-    read_opencv_file,
-    read_pose,
-    read_projector_camera,
-    read_ros_camera_info,
-)
 from exposight.tables import number
-
-if TYPE_CHECKING:
-    from exposight.geometry import PinholeCamera
 
 _LEAST_BASELINE_MM = 2.0
 """No projector stands nearer to its camera; a calibration in m says less than that."""
@@ -98,9 +86,9 @@ def sensor_command(
     sensor = ActiveSensor(
         name=name,
         cameras=(camera,),
-        first_from_camera=(RigidTransform(),),
+        first_from_camera=(geometry.RigidTransform(),),
         projector=light,
-        camera_from_tcp=RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
+        camera_from_tcp=geometry.RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
         exposure=ExposureRange(
             min_ms=exposures_ms[0], max_ms=exposures_ms[1], increment_ms=exposure_step_ms
         ),
@@ -134,7 +122,7 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
     )
 
 
-def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
+def camera_facts(name: str, camera: geometry.PinholeCamera) -> tuple[Fact, ...]:
     """Return a camera's or projector's intrinsic parameters."""
     return (
         fact(f"{name}_size_px", [camera.width, camera.height]),
@@ -146,32 +134,35 @@ def camera_facts(name: str, camera: PinholeCamera) -> tuple[Fact, ...]:
 
 def _calibrated(
     path: Path, projector_size: tuple[int, int] | None, projector: Path | None, pose: Path | None
-) -> tuple[PinholeCamera, Projector | None]:
+) -> tuple[geometry.PinholeCamera, Projector | None]:
     """Return the camera and, where it is known, the projector."""
-    nodes = read_opencv_file(path).nodes
-    if any(keys.camera_matrix in nodes for keys in KNOWN_KEYS.values()):
+    nodes = geometry.read_opencv_file(path).nodes
+    if any(keys.camera_matrix in nodes for keys in geometry.KNOWN_KEYS.values()):
         if projector is not None or pose is not None:
             msg = f"{path} holds the projector: leave out --projector and --projector-pose"
             raise UsageError(msg)
-        rig = read_projector_camera(path, projector_size=projector_size)
+        rig = geometry.read_projector_camera(path, projector_size=projector_size)
         return rig.camera, _projector(rig.projector, rig.camera_from_projector, path)
     if not {"camera_matrix.data", "camera_matrix", "K", "k"} & set(nodes):
         msg = (
-            f"{path}: expected camera and projector named as by {' or '.join(KNOWN_KEYS)}, or a "
+            f"{path}: expected camera and projector named as by "
+            f"{' or '.join(geometry.KNOWN_KEYS)}, or a "
             f"ROS camera_info; the file has {', '.join(nodes)}"
         )
         raise FormatError(msg)
     if (projector is None) != (pose is None):
         msg = "a projector needs both its --projector and its --projector-pose"
         raise UsageError(msg)
-    camera = read_ros_camera_info(path)
+    camera = geometry.read_ros_camera_info(path)
     if projector is None or pose is None:
         return camera, None
-    return camera, _projector(read_ros_camera_info(projector), read_pose(pose), pose)
+    return camera, _projector(
+        geometry.read_ros_camera_info(projector), geometry.read_pose(pose), pose
+    )
 
 
 def _projector(
-    camera: PinholeCamera, camera_from_projector: RigidTransform, path: Path
+    camera: geometry.PinholeCamera, camera_from_projector: geometry.RigidTransform, path: Path
 ) -> Projector:
     baseline_mm = float(np.linalg.norm(camera_from_projector.translation_mm))
     if baseline_mm < _LEAST_BASELINE_MM:

@@ -1,9 +1,7 @@
 """``exposight simulate``: a measuring plan to a campaign, in a cell made of physics."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -11,13 +9,10 @@ from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import MissingFileError
-from exposight.plans import PLANS
+from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
-
-if TYPE_CHECKING:
-    from exposight.plans import MeasuringPlan
 
 
 def simulate_command(

@@ -1,10 +1,8 @@
 """``exposight split``: an observation table into training and test data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt
@@ -12,11 +10,8 @@ from cyclopts.validators import Number
 
 from exposight.cli.result import Result, Written, fact
 from exposight.files import make_folder
-from exposight.observing import read_observations
+from exposight.observing import ObservationTable, read_observations
 from exposight.tables import Column, Table
-
-if TYPE_CHECKING:
-    from exposight.observing import ObservationTable
 
 
 def split_command(

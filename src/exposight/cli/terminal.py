@@ -1,21 +1,20 @@
 """The terminal: JSON objects, errors in a line, progress bars, and readers that leave."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NoReturn
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -23,13 +22,7 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import NoReturn
-
-    from rich.progress import TaskID
-
-    from exposight.workers import Progress
+from exposight.workers import Progress
 
 BROKEN_PIPE = 141
 """Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""

@@ -1,12 +1,11 @@
 """``exposight train``: observations to models."""
 
-from __future__ import annotations
-
 import hashlib
 import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt, PositiveInt
@@ -15,17 +14,19 @@ from exposight.cell import sensor_named_or_read
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.files import make_folder
-from exposight.models import MODEL_SUFFIX, MODELS, model_named, save_model, train_all
-from exposight.observing import read_observations
+from exposight.models import (
+    MODEL_SUFFIX,
+    MODELS,
+    GaussianProcessModel,
+    Predictor,
+    model_named,
+    save_model,
+    train_all,
+)
+from exposight.observing import ObservationTable, read_observations
 from exposight.planning import DEFAULT_MODELS
 from exposight.tables import Column, Table, counted
 from exposight.workers import usual_workers
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from exposight.models import GaussianProcessModel, Predictor
-    from exposight.observing import ObservationTable
 
 _ALL = "all"
 _LEAST_ROWS = 10

@@ -1,19 +1,13 @@
 """A recorded campaign as a driver: it gives back its captures, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.cell import CampaignFolder
+from exposight.cell import ActiveSensor, CampaignFolder, Capture, Part
 from exposight.errors import InputError
-
-if TYPE_CHECKING:
-    from exposight.cell import ActiveSensor, Capture, Part
-    from exposight.geometry import RigidTransform
+from exposight.geometry import RigidTransform
 
 
 class ReplayDriver:

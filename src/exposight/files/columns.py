@@ -1,15 +1,9 @@
 """The header line of a CSV file: which columns are expected, which came, and in which unit."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from exposight.errors import FormatError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
 
 _UNITS: Mapping[str, frozenset[str]] = {
     "mm": frozenset({"m", "cm", "um", "µm", "in", "inch", "inches", "metre", "meter"}),

@@ -6,25 +6,17 @@ names each key as the file has it: ``planes[0].x_mm.count``. What a field holds 
 disk, such as a pose, says how it is written by `StoredAs`.
 """
 
-from __future__ import annotations
-
 import json
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, cast
+from typing import Annotated, Any, Generic, TypeVar, cast
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
-from pydantic_core import core_schema
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails, core_schema
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
 from exposight.files.durable import sha256_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from pydantic import GetCoreSchemaHandler
-    from pydantic_core import ErrorDetails
-
 
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 

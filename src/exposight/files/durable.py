@@ -6,27 +6,19 @@ only then renamed; POSIX makes the rename atomic. The folder is pushed to the di
 name lives there.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import logging
 import os
 import secrets
 import shutil
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from filelock import BaseFileLock
-
 
 WRITER_LOCK = "writer.lock"
 _SUFFIX = ".unfinished"

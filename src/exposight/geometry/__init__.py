@@ -3,7 +3,6 @@
 from exposight.geometry.calibration_files import (
     KNOWN_KEYS,
     CalibrationKeys,
-    OpenCVFile,
     ProjectorCamera,
     read_opencv_file,
     read_projector_camera,
@@ -18,10 +17,5 @@ from exposight.geometry.cylinders import (
     pixel_boxes,
     ring_pixels,
 )
-from exposight.geometry.poses import (
-    RigidTransform,
-    check_points,
-    check_rotation,
-    rotation_facing,
-)
-from exposight.geometry.written_poses import POSE_CONVENTIONS, parse_pose, read_pose
+from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
+from exposight.geometry.written_poses import parse_pose, read_pose

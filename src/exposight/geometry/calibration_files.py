@@ -5,24 +5,18 @@ ordinary YAML readers stop. No two programs name their nodes alike, so the calle
 `CalibrationKeys` holds such a naming and `KNOWN_KEYS` those met so far.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import FormatError, MissingFileError, PoseError, SensorError
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.poses import RigidTransform
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, kw_only=True)

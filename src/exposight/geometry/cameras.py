@@ -9,18 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from exposight.compiled import njit
 from exposight.errors import ImageError, SensorError
 from exposight.geometry.poses import check_points
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # the lengths OpenCV knows
 

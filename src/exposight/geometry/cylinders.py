@@ -10,25 +10,17 @@ A part has hundreds of features and an image millions of pixels, so the counting
 shared between the cores, feature by feature; each looks only at the pixels onto which it projects.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.compiled import njit
 from exposight.errors import CloudError, FeatureError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.geometry.cameras import PinholeCamera
-    from exposight.geometry.poses import RigidTransform
-
+from exposight.geometry.cameras import PinholeCamera
+from exposight.geometry.poses import RigidTransform
 
 _ARC_POINTS = 32  # of an outline, on each of its four arcs and four straight sides
 

@@ -9,18 +9,14 @@ different robots. So there is no default: each reader and writer here carries it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from exposight.errors import CloudError, PoseError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
 
 ROTATION_TOLERANCE = 1e-5
 """Largest entry of RᵀR − I that still counts as a rotation.

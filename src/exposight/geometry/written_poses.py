@@ -1,19 +1,13 @@
 """Poses as robots and text files write them."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from exposight.errors import MissingFileError, PoseError, did_you_mean
 from exposight.geometry.poses import RigidTransform
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
 
 POSE_CONVENTIONS: Mapping[str, tuple[str, Callable[[list[float]], RigidTransform]]] = (
     MappingProxyType(

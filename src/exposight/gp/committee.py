@@ -37,16 +37,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from exposight.gp import observations
 from exposight.gp.experts import CommunicationSet, Expert, check_shards, partition
 from exposight.gp.kernels import Kernel
-from exposight.gp.observations import (
-    FloatArray,
-    IntArray,
-    check_inputs,
-    check_noise_variance,
-    check_observations,
-    read_only,
-)
 from exposight.gp.regression import Prediction
 from exposight.gp.tiling import choose_threads, in_threads, limit_blas, predict_in_chunks
 from exposight.workers import Progress, ignore_progress
@@ -88,9 +81,9 @@ class Committee:
 
     kernel: Kernel
     noise_variance: float
-    x: FloatArray = field(repr=False)
-    y: FloatArray = field(repr=False)
-    shard: IntArray = field(repr=False)
+    x: observations.FloatArray = field(repr=False)
+    y: observations.FloatArray = field(repr=False)
+    shard: observations.IntArray = field(repr=False)
     jitter: float
     _shared: CommunicationSet = field(repr=False)
     _experts: tuple[Expert, ...] = field(repr=False)
@@ -101,7 +94,7 @@ class Committee:
         return len(self._experts)
 
     @property
-    def observations(self) -> int:
+    def n_observations(self) -> int:
         """How many the experts know together; those outside the kernel's gate do not count."""
         return len(self._shared.x) + sum(len(expert.x) for expert in self._experts)
 
@@ -157,7 +150,7 @@ class Committee:
         NotPositiveDefiniteError
             If a covariance matrix has no Cholesky factor, even with the largest jitter.
         """
-        inputs, targets, active = check_observations(kernel, x, y)
+        inputs, targets, active = observations.check_observations(kernel, x, y)
         near = np.flatnonzero(active)
         parts = partition(
             kernel, inputs[near], rng, shard_size=shard_size, communication=communication
@@ -202,8 +195,8 @@ class Committee:
         ObservationError, NotPositiveDefiniteError
             As for `condition`.
         """
-        check_noise_variance(noise_variance)
-        inputs, targets, active = check_observations(kernel, x, y)
+        observations.check_noise_variance(noise_variance)
+        inputs, targets, active = observations.check_observations(kernel, x, y)
         owner = check_shards(shard, active)
         numbers = range(int(owner.max()) + 1)
         with limit_blas(1):
@@ -224,9 +217,9 @@ class Committee:
         return cls(
             kernel=kernel,
             noise_variance=float(noise_variance),
-            x=read_only(inputs),
-            y=read_only(targets),
-            shard=read_only(owner),
+            x=observations.read_only(inputs),
+            y=observations.read_only(targets),
+            shard=observations.read_only(owner),
             jitter=max(shared.factor.jitter, *(expert.jitter for expert in experts)),
             _shared=shared,
             _experts=tuple(experts),
@@ -260,7 +253,7 @@ class Committee:
         ObservationError, InputError
             As for `GaussianProcess.predict`.
         """
-        inputs = check_inputs(x, columns=self.x.shape[1])
+        inputs = observations.check_inputs(x, columns=self.x.shape[1])
         # outside the gate nothing is left to predict: mean and variance are 0
         rows = np.flatnonzero(~self.kernel.closed(inputs))
         mean, variance = np.zeros(len(inputs)), np.zeros(len(inputs))
@@ -273,14 +266,16 @@ class Committee:
             len(rows),
             chunk=_CHUNK,
             threads=threads,
-            worthwhile=len(rows) * self.observations >= _MANY_PAIRS,
+            worthwhile=len(rows) * self.n_observations >= _MANY_PAIRS,
             progress=progress,
         )
         if include_noise:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
 
-    def _mean_and_variance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _mean_and_variance(
+        self, x: observations.FloatArray
+    ) -> tuple[observations.FloatArray, observations.FloatArray]:
         """Combine the experts at checked inputs inside the gate, each (n,)."""
         prior = self.kernel.prior_variance(x)
         least = _LEAST_SHARE * prior

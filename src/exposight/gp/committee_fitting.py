@@ -105,7 +105,7 @@ class _SumOfShards:
     shard_map: ShardMap
 
     @property
-    def observations(self) -> int:
+    def n_observations(self) -> int:
         """Of all shards."""
         return sum(len(y) for _, y in self.shards)
 
@@ -223,7 +223,7 @@ def fit_committee(
         converged=best.converged,
         evaluations=best.evaluations,
         seconds=time.perf_counter() - began,
-        searched=likelihood.observations,
+        searched=likelihood.n_observations,
         warm_start=warm,
         parameters_at_bound=search.at_bound(best),
     )

@@ -11,15 +11,10 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from exposight.errors import InputError, NotPositiveDefiniteError, NumericalError
+from exposight.gp import observations
 from exposight.gp.bounds import NOISE_VARIANCE, Bounds, DataScale, starting_values
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
-from exposight.gp.observations import (
-    FloatArray,
-    check_learnable,
-    check_noise_variance,
-    check_observations,
-)
 from exposight.gp.regression import GaussianProcess
 from exposight.workers import Progress, ignore_progress
 
@@ -40,10 +35,12 @@ class Likelihood(Protocol):
     """What a search climbs: the likelihood of observations."""
 
     @property
-    def observations(self) -> int:
+    def n_observations(self) -> int:
         """Their number."""
 
-    def value_and_gradient(self, kernel: Kernel, noise_variance: float) -> tuple[float, FloatArray]:
+    def value_and_gradient(
+        self, kernel: Kernel, noise_variance: float
+    ) -> tuple[float, observations.FloatArray]:
         """Evaluate, with derivatives by the kernel's `log_parameters` and the noise's logarithm."""
 
 
@@ -69,8 +66,8 @@ class StartResult:
         What stopped a start that failed.
     """
 
-    start: FloatArray
-    end: FloatArray
+    start: observations.FloatArray
+    end: observations.FloatArray
     log_marginal_likelihood: float
     converged: bool
     evaluations: int
@@ -79,7 +76,7 @@ class StartResult:
 
     @classmethod
     def failed(
-        cls, start: FloatArray, error: NotPositiveDefiniteError, *, evaluations: int
+        cls, start: observations.FloatArray, error: NotPositiveDefiniteError, *, evaluations: int
     ) -> "StartResult":
         """Describe a start at which the search could not begin."""
         return cls(
@@ -108,7 +105,7 @@ class Search:
     """
 
     kernel: Kernel
-    limits: FloatArray
+    limits: observations.FloatArray
     max_iterations: int
 
     @classmethod
@@ -129,16 +126,16 @@ class Search:
         """Names of what is searched for."""
         return [*(each.name for each in self.kernel.free_parameters), NOISE_VARIANCE]
 
-    def hyperparameters(self, logs: FloatArray) -> tuple[Kernel, float]:
+    def hyperparameters(self, logs: observations.FloatArray) -> tuple[Kernel, float]:
         """Kernel and noise variance whose logarithms these are, (p + 1,)."""
         return self.kernel.with_log_parameters(logs[:-1]), float(np.exp(logs[-1]))
 
-    def clip(self, logs: FloatArray) -> FloatArray:
+    def clip(self, logs: observations.FloatArray) -> observations.FloatArray:
         """Nearest logarithms within the limits, (p + 1,)."""
-        out: FloatArray = np.clip(logs, self.limits[:, 0], self.limits[:, 1])
+        out: observations.FloatArray = np.clip(logs, self.limits[:, 0], self.limits[:, 1])
         return out
 
-    def run(self, likelihood: Likelihood, start: FloatArray) -> StartResult:
+    def run(self, likelihood: Likelihood, start: observations.FloatArray) -> StartResult:
         """Search from logarithms within the limits, (p + 1,); a failure is part of the result."""
         loss = _Loss(search=self, likelihood=likelihood)
         options = {**_OPTIONS, "maxiter": self.max_iterations}
@@ -151,7 +148,7 @@ class Search:
         return StartResult(
             start=start,
             end=end.x,
-            log_marginal_likelihood=-likelihood.observations * float(end.fun),
+            log_marginal_likelihood=-likelihood.n_observations * float(end.fun),
             converged=bool(end.success),
             evaluations=loss.evaluations,
             message=str(end.message),
@@ -174,7 +171,7 @@ class _Loss:
     evaluations: int = 0
     worst: float = -np.inf
 
-    def __call__(self, logs: FloatArray) -> tuple[float, FloatArray]:
+    def __call__(self, logs: observations.FloatArray) -> tuple[float, observations.FloatArray]:
         """Evaluate with the gradient, (p + 1,)."""
         self.evaluations += 1
         try:
@@ -184,9 +181,9 @@ class _Loss:
                 raise
             # higher than anything before, so that the line search turns back
             return self.worst + 1.0, np.zeros_like(logs)
-        loss = -value / self.likelihood.observations
+        loss = -value / self.likelihood.n_observations
         self.worst = max(self.worst, loss)
-        return loss, -slope / self.likelihood.observations
+        return loss, -slope / self.likelihood.n_observations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -280,8 +277,8 @@ def fit(
     """
     began = time.perf_counter()
     _check_arguments(restarts, first_start, noise_variance)
-    inputs, targets, active = check_observations(kernel, x, y)
-    check_learnable(inputs, targets, dims=kernel.columns)
+    inputs, targets, active = observations.check_observations(kernel, x, y)
+    observations.check_learnable(inputs, targets, dims=kernel.columns)
     scale = DataScale.of(inputs[active], targets[active])
     search = Search.of(kernel, scale, bounds=bounds, max_iterations=max_iterations)
     first = _first_start(kernel, scale, first_start, noise_variance)
@@ -311,7 +308,10 @@ def fit(
 
 
 def _search_from(
-    starts: Sequence[FloatArray], search: Search, likelihood: Likelihood, progress: Progress
+    starts: Sequence[observations.FloatArray],
+    search: Search,
+    likelihood: Likelihood,
+    progress: Progress,
 ) -> list[StartResult]:
     results = []
     for done, start in enumerate(starts, start=1):
@@ -329,20 +329,20 @@ def _check_arguments(restarts: int, first_start: str, noise_variance: float | No
         msg = f"first_start must be 'data' or 'given', got {first_start!r}"
         raise InputError(msg)
     if noise_variance is not None:
-        check_noise_variance(noise_variance)
+        observations.check_noise_variance(noise_variance)
 
 
 def _first_start(
     kernel: Kernel, scale: DataScale, first_start: str, noise_variance: float | None
-) -> FloatArray:
+) -> observations.FloatArray:
     """Where the first start begins: logarithms of the hyperparameters, then of the noise."""
     values = starting_values(kernel, scale) if first_start == "data" else kernel.log_parameters
     return np.append(values, np.log(noise_variance or _NOISE_SHARE * scale.target))
 
 
 def _vary(
-    first: FloatArray, search: Search, restarts: int, rng: np.random.Generator
-) -> list[FloatArray]:
+    first: observations.FloatArray, search: Search, restarts: int, rng: np.random.Generator
+) -> list[observations.FloatArray]:
     """Draw the other starts about the first one; all keep to the limits."""
     shifts = _START_SPREAD * rng.standard_normal((restarts - 1, len(first)))
     return [search.clip(start) for start in (first, *(first + shifts))]

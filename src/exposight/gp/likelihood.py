@@ -4,17 +4,11 @@ import math
 
 import numpy as np
 
+from exposight.gp import tiling
 from exposight.gp.factor import Factor, factorise
 from exposight.gp.kernels import Kernel
 from exposight.gp.kernels.loops import weigh_pairs
 from exposight.gp.observations import BoolArray, FloatArray
-from exposight.gp.tiling import (
-    choose_threads,
-    in_threads,
-    limit_blas,
-    row_blocks,
-    weighted_derivatives,
-)
 
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -50,11 +44,11 @@ class MarginalLikelihood:
     ) -> None:
         self._x = np.ascontiguousarray(x[active])
         self._y, self._rest = y[active], y[~active]
-        self._threads = choose_threads(threads, worthwhile=False)
+        self._threads = tiling.choose_threads(threads, worthwhile=False)
         self._buffer = np.empty((len(self._x), len(self._x)))
 
     @property
-    def observations(self) -> int:
+    def n_observations(self) -> int:
         """Their number, those outside the gate included."""
         return len(self._y) + len(self._rest)
 
@@ -81,7 +75,7 @@ class MarginalLikelihood:
         NotPositiveDefiniteError
             If the covariance matrix has no Cholesky factor, even with the largest jitter.
         """
-        with limit_blas(self._threads):
+        with tiling.limit_blas(self._threads):
             factor = factorise(
                 kernel, noise_variance, self._x, buffer=self._buffer, threads=self._threads
             )
@@ -89,7 +83,7 @@ class MarginalLikelihood:
             likelihood = log_likelihood(factor, alpha, self._y)
             # LAPACK's lower triangle is C order's upper one
             inverse = factor.consume().T
-        with limit_blas(1):
+        with tiling.limit_blas(1):
             gradient = self._gradient(kernel, inverse, alpha)
         noise_derivative = 0.5 * noise_variance * float(alpha @ alpha - np.trace(inverse))
         noise_derivative += 0.5 * float(self._rest @ self._rest / noise_variance - len(self._rest))
@@ -105,9 +99,11 @@ class MarginalLikelihood:
             return out
 
         def derivatives(rows: slice) -> FloatArray:
-            return weighted_derivatives(kernel, self._x, rows, weights)
+            return tiling.weighted_derivatives(kernel, self._x, rows, weights)
 
-        blocks = in_threads(derivatives, row_blocks(len(self._x)), threads=self._threads)
+        blocks = tiling.in_threads(
+            derivatives, tiling.row_blocks(len(self._x)), threads=self._threads
+        )
         gradient: FloatArray = np.sum(list(blocks), axis=0)
         return gradient
 

@@ -5,17 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from exposight.gp import observations
 from exposight.gp.factor import Factor, append_rows, factorise
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import log_likelihood, white_noise_log_likelihood
-from exposight.gp.observations import (
-    FloatArray,
-    check_inputs,
-    check_noise_variance,
-    check_observations,
-    check_targets,
-    read_only,
-)
 from exposight.gp.tiling import fill_tiles, limit_blas, predict_in_chunks
 from exposight.workers import Progress, ignore_progress
 
@@ -37,8 +30,8 @@ class Prediction:
         Standard deviation, in the unit of the targets.
     """
 
-    mean: FloatArray
-    std: FloatArray
+    mean: observations.FloatArray
+    std: observations.FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,13 +61,13 @@ class GaussianProcess:
 
     kernel: Kernel
     noise_variance: float
-    x: FloatArray = field(repr=False)
-    y: FloatArray = field(repr=False)
+    x: observations.FloatArray = field(repr=False)
+    y: observations.FloatArray = field(repr=False)
     log_marginal_likelihood: float
     jitter: float
-    _active_x: FloatArray = field(repr=False)
+    _active_x: observations.FloatArray = field(repr=False)
     _factor: Factor = field(repr=False)
-    _alpha: FloatArray = field(repr=False)
+    _alpha: observations.FloatArray = field(repr=False)
 
     @classmethod
     def condition(
@@ -107,15 +100,20 @@ class GaussianProcess:
         NotPositiveDefiniteError
             If the covariance matrix has no Cholesky factor, even with the largest jitter.
         """
-        check_noise_variance(noise_variance)
-        inputs, targets, active = check_observations(kernel, x, y)
+        observations.check_noise_variance(noise_variance)
+        inputs, targets, active = observations.check_observations(kernel, x, y)
         with limit_blas(1):
             factor = factorise(kernel, noise_variance, np.ascontiguousarray(inputs[active]))
         return cls._from_factor(factor, kernel, float(noise_variance), inputs, targets)
 
     @classmethod
     def _from_factor(
-        cls, factor: Factor, kernel: Kernel, noise_variance: float, x: FloatArray, y: FloatArray
+        cls,
+        factor: Factor,
+        kernel: Kernel,
+        noise_variance: float,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
     ) -> "GaussianProcess":
         """Condition on checked observations whose covariance has been factorised."""
         active = ~kernel.closed(x)
@@ -124,8 +122,8 @@ class GaussianProcess:
         return cls(
             kernel=kernel,
             noise_variance=noise_variance,
-            x=read_only(x),
-            y=read_only(y),
+            x=observations.read_only(x),
+            y=observations.read_only(y),
             log_marginal_likelihood=log_likelihood(factor, alpha, y[active])
             + white_noise_log_likelihood(y[~active], noise_variance),
             jitter=factor.jitter,
@@ -159,8 +157,8 @@ class GaussianProcess:
         NotPositiveDefiniteError
             If the covariance matrix has no Cholesky factor, even with the largest jitter.
         """
-        inputs = check_inputs(x, columns=self.x.shape[1])
-        targets = check_targets(y, observations=len(inputs))
+        inputs = observations.check_inputs(x, columns=self.x.shape[1])
+        targets = observations.check_targets(y, observations=len(inputs))
         all_x, all_y = np.vstack([self.x, inputs]), np.append(self.y, targets)
         factor, new = None, np.ascontiguousarray(inputs[~self.kernel.closed(inputs)])
         if self.jitter == 0.0:
@@ -207,7 +205,7 @@ class GaussianProcess:
         InputError
             If fewer than one thread is asked for.
         """
-        inputs = check_inputs(x, columns=self.x.shape[1])
+        inputs = observations.check_inputs(x, columns=self.x.shape[1])
         mean, variance = np.empty(len(inputs)), np.empty(len(inputs))
 
         def predict_rows(rows: slice) -> None:
@@ -228,7 +226,9 @@ class GaussianProcess:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
 
-    def _mean_and_variance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _mean_and_variance(
+        self, x: observations.FloatArray
+    ) -> tuple[observations.FloatArray, observations.FloatArray]:
         cross = np.empty((len(x), len(self._active_x)))
         fill_tiles(self.kernel, x, self._active_x, cross)
         mean = cross @ self._alpha

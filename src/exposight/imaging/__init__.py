@@ -3,7 +3,7 @@
 from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
 from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frames import FrameStack, re_expose, read_frames
-from exposight.imaging.rectification import RectifiedPair, rectify
+from exposight.imaging.rectification import rectify
 from exposight.imaging.sequence_files import (
     SEQUENCE_PRESETS,
     read_sequence,
@@ -11,5 +11,5 @@ from exposight.imaging.sequence_files import (
     sequence_to_toml,
 )
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
-from exposight.imaging.stereo import StereoLimits, match_pair, matchable
+from exposight.imaging.stereo import match_pair
 from exposight.imaging.triangulation import triangulate

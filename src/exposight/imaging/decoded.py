@@ -1,18 +1,14 @@
 """What decoding yields: a projector coordinate for every camera pixel, and why some have none."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX
 from exposight.errors import ImageError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 class AxisMap(NamedTuple):

@@ -6,15 +6,15 @@ samples. With three equal steps it is φ = atan2(√3·(I₂ − I₃), 2·I₁ 
 over a projector of W px means the coordinate φ/(2π·p)·W, phase 0 being the centre of pixel 0.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX
+from exposight.cell import GREY_MAX, Image
 from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.imaging.decoded import (
@@ -28,15 +28,7 @@ from exposight.imaging.decoded import (
 )
 from exposight.imaging.frames import FrameStack, read_frames
 from exposight.imaging.gray_code import decode_gray_code
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import Image
-    from exposight.imaging.sequences import AxisCoding, Fringe, PatternSequence
+from exposight.imaging.sequences import AxisCoding, Fringe, PatternSequence
 
 
 def read_recording(

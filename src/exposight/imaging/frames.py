@@ -3,8 +3,6 @@
 `re_expose` emulates other exposure times, for scenes that were recorded only once.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

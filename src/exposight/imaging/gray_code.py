@@ -6,14 +6,11 @@ of one code lacks an edge on a side (a depth step, a hole, a fold), its pixels k
 centre.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX
+from exposight.cell import GREY_MAX, Image
 from exposight.compiled import njit
 from exposight.imaging.decoded import (
     AMBIGUOUS,
@@ -23,13 +20,8 @@ from exposight.imaging.decoded import (
     AxisMap,
     DecodingLimits,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import Image
-    from exposight.imaging.frames import FrameStack
-    from exposight.imaging.sequences import GrayCode, PatternSequence
+from exposight.imaging.frames import FrameStack
+from exposight.imaging.sequences import GrayCode, PatternSequence
 
 
 def decode_gray_code(

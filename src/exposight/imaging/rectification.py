@@ -3,24 +3,17 @@
 Both look as if taken by one ideal camera at either place, whose x axis runs along the baseline.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import SensorError
-from exposight.geometry import PinholeCamera
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.geometry import RigidTransform
-
+from exposight.geometry import PinholeCamera, RigidTransform
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 

@@ -21,21 +21,16 @@
     shifts_deg = [0, 120, 240]     # equal steps if left out
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from exposight.errors import FormatError, ImageError, did_you_mean
 from exposight.files import read_text, validate
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:

@@ -5,22 +5,17 @@ A pattern sequence codes the projector's columns, its rows, or both. Projector c
 pixels wide covers c·w − ½ … (c + 1)·w − ½, and a fringe's phase is 0 at the centre of column 0.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from exposight.cell import BitDepth, full_scale
 from exposight.errors import ImageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 _MAX_BITS = 16
 

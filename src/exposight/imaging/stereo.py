@@ -10,24 +10,18 @@ pixel by least squares.
 The cloud is organised like the first camera's own image, as recorded, in that camera's frame.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import Cloud
 from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.imaging.rectification import ON_GRID_PX, RectifiedPair
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _STEP = 16  # disparities come in 1/16 px, and their number must be a multiple of 16
 _LARGEST_DISPARITY_PX = 2000  # 1/16 px in 16 bits

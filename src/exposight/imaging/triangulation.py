@@ -6,25 +6,16 @@ must have the decoded coordinate. Newton's method, from the solution without dis
 or three steps. Where column and row are both known, depth is the least-squares fit to both.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import Cloud
 from exposight.compiled import njit
 from exposight.errors import ImageError
-from exposight.geometry import PixelBox
+from exposight.geometry import PinholeCamera, PixelBox, RigidTransform
 from exposight.geometry.cameras import distort_point
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.geometry import PinholeCamera, RigidTransform
-    from exposight.imaging.decoded import DecodedMap
-
+from exposight.imaging.decoded import DecodedMap
 
 _MAX_STEPS = 20
 _CONVERGED = 1e-12

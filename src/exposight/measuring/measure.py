@@ -5,39 +5,23 @@ driver allows it. A driver whose captures depend on pose, exposure time and the 
 then gives the same bytes for any number of workers, here or on a cluster, and any interruption.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import polars as pl
 
-from exposight.cell import CampaignFolder, CampaignWriter, CaptureKey
+from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, CaptureKey, Driver, Part
 from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
 from exposight.files import KeptFiles, alike, hold_writer_lock, sweep_unfinished, write_durably
+from exposight.measuring import view_work
 from exposight.measuring.record import describe, keep_record
-from exposight.measuring.view_work import (
-    OBSERVATIONS_FILE,
-    ViewTask,
-    observe_view,
-    same_exposure,
-    write_view,
-)
 from exposight.observing import ObservationTable, read_observations
-from exposight.plans import plan_to_toml
-from exposight.workers import LocalProcesses, choose_workers, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
-
-    from exposight.cell import ActiveSensor, Driver, Part
-    from exposight.plans import MeasuringPlan
-    from exposight.workers import Progress, Workers
-
+from exposight.plans import MeasuringPlan, plan_to_toml
+from exposight.workers import LocalProcesses, Progress, Workers, choose_workers, ignore_progress
 
 _VIEWS = "[0-9]*.csv"
 """Kept views in the folder beside a table."""
@@ -121,7 +105,7 @@ def measure(
         tasks = job.tasks(numbers.keys() - there)
         done = len(there)
         progress("measuring", done, len(numbers))
-        work = partial(write_view, folder, record_sha256)
+        work = partial(view_work.write_view, folder, record_sha256)
         # Closed before the writer is, whatever happens: no process here may outlive the lock.
         with closing(job.workers.run(work, tasks)) as results:
             for task, _ in results:
@@ -260,12 +244,12 @@ class _Job:
         self.part = plan.observed_part(part)
         self.views = plan.views(part)
         progress("planning the views", 1, 1)
-        task = partial(ViewTask, plan=plan, driver=driver, part=self.part, clouds=clouds)
+        task = partial(view_work.ViewTask, plan=plan, driver=driver, part=self.part, clouds=clouds)
         self._task = partial(task, description=self.description)
         keys = [CaptureKey(view.name, t) for view in self.views for t in view.exposures_ms]
         self.numbers = {key: number for number, key in enumerate(keys)}
 
-    def tasks(self, missing: Collection[CaptureKey]) -> list[ViewTask]:
+    def tasks(self, missing: Collection[CaptureKey]) -> list[view_work.ViewTask]:
         """Return a task for each view of which captures are missing."""
         tasks = []
         for view in self.views:
@@ -293,7 +277,7 @@ class _Job:
         total = len(self.numbers)
         done = total - sum(len(task.captures) for task in tasks)
         self._progress("measuring", done, total)
-        with closing(self.workers.run(observe_view, tasks)) as results:
+        with closing(self.workers.run(view_work.observe_view, tasks)) as results:
             for task, rows in results:
                 tables[task.view.name] = ObservationTable.from_observations(rows)
                 keep(task.view.name, tables[task.view.name])
@@ -335,7 +319,7 @@ def _captures_there(
     there = set()
     for number, key in writer.keys.items():
         wanted = planned.get(number, CaptureKey("", 0.0))
-        if wanted.view != key.view or not same_exposure(
+        if wanted.view != key.view or not view_work.same_exposure(
             wanted.exposure_ms, key.exposure_ms, sensor.exposure.increment_ms
         ):
             msg = (
@@ -352,6 +336,6 @@ def _write_table(campaign: CampaignFolder) -> None:
     """Write the observations of a campaign's captures, which lie beside them, as one table."""
     header, rows = b"", []
     for number in campaign.numbers:
-        header, _, body = campaign.attachments(number)[OBSERVATIONS_FILE].partition(b"\n")
+        header, _, body = campaign.attachments(number)[view_work.OBSERVATIONS_FILE].partition(b"\n")
         rows.append(body)
-    write_durably(campaign.path / OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))
+    write_durably(campaign.path / view_work.OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))

@@ -4,24 +4,17 @@ Beside a campaign's own files lie the plan, to be read or carried out again, and
 whatever else decides the captures' bytes.
 """
 
-from __future__ import annotations
-
 import json
 import socket
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from exposight.cell import Driver
 from exposight.errors import FileError, InputError
 from exposight.files import Checksum, DocumentFormat, sha256_of, write_durably
-from exposight.plans import plan_to_toml, read_plan, write_plan
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from exposight.cell import Driver
-    from exposight.plans import MeasuringPlan
-
+from exposight.plans import MeasuringPlan, plan_to_toml, read_plan, write_plan
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "measurement.json"
 

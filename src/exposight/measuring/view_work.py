@@ -1,24 +1,17 @@
 """One view of a plan, captured at its exposure times: the work of one process."""
 
-from __future__ import annotations
-
 import socket
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from exposight.cell import write_numbered_capture
+from exposight.cell import Capture, Driver, Part, write_numbered_capture
 from exposight.errors import ExposightError, InputError, SensorError
 from exposight.measuring.record import check_record, describe, differing
 from exposight.observing import Observation, ObservationTable, Observer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from exposight.cell import Capture, Driver, Part
-    from exposight.plans import MeasuringPlan, PlannedView
-
+from exposight.plans import MeasuringPlan, PlannedView
 
 OBSERVATIONS_FILE = "observations.csv"
 """Rows of a capture that is kept without its cloud, and of its whole campaign."""

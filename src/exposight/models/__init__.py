@@ -13,7 +13,6 @@ from exposight.models.predictor import (
 )
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,
-    I_AVG_MAX,
     I_AVG_MIN,
     MODELS,
     P_NORM_MIN,

@@ -1,24 +1,17 @@
 """Evaluate a model on held-out observations, and notice values in other units than it knows."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
+from exposight.models.predictor import Prediction, Predictor
+from exposight.observing import ObservationTable
 from exposight.statistics import RegressionScore, score
 from exposight.tables import number
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from exposight.models.predictor import Prediction, Predictor
-    from exposight.observing import ObservationTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exposight import __version__
 from exposight.errors import InputError
 from exposight.files import validate
-from exposight.gp import Committee, GaussianProcess, kernel_from_dict
-from exposight.models.predictor import (
-    Hyperparameter,
-    Prediction,
-    Predictor,
-    input_array,
-    register_predictor,
-)
+from exposight.gp import Committee, GaussianProcess, Parameter, kernel_from_dict
+from exposight.models import predictor
 from exposight.models.specification import ModelSpecification
+from exposight.observing import ObservationTable
 from exposight.quantities import quantity
 from exposight.statistics import inside_box
 from exposight.tables import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import polars as pl
-    from numpy.typing import NDArray
-
-    from exposight.gp import Parameter
-    from exposight.observing import ObservationTable
 
 _NOISE = "noise_variance"
 
@@ -64,9 +53,9 @@ class FitSummary:
     seconds: float | None = field(default=None, compare=False)
 
 
-@register_predictor
+@predictor.register_predictor
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GaussianProcessModel(Predictor):
+class GaussianProcessModel(predictor.Predictor):
     """A trained Gaussian process and everything needed to use, check and repeat it.
 
     Parameters
@@ -103,11 +92,11 @@ class GaussianProcessModel(Predictor):
             source=self.source,
         )
 
-    def predict_frame(self, frame: pl.DataFrame) -> Prediction:
+    def predict_frame(self, frame: pl.DataFrame) -> predictor.Prediction:
         """Predict for a frame whose columns are `inputs`, in their order."""
-        x = input_array(self.name, frame)
+        x = predictor.input_array(self.name, frame)
         prediction = self.process.predict(x, include_noise=True)
-        return Prediction(
+        return predictor.Prediction(
             mean=prediction.mean, std=prediction.std, inside=inside_box(self.process.x, x)
         )
 
@@ -190,10 +179,10 @@ class GaussianProcessModel(Predictor):
         kernel, noise_variance = self.process.kernel, self.process.noise_variance
         return replace(self, process=GaussianProcess.condition(kernel, noise_variance, x, y))
 
-    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+    def hyperparameters(self) -> tuple[predictor.Hyperparameter, ...]:
         """Return the hyperparameters with their units, the noise variance last."""
         at_limit = self.summary.parameters_at_bound
-        noise = Hyperparameter(
+        noise = predictor.Hyperparameter(
             name=_NOISE,
             quantity="variance",
             inputs=(),
@@ -202,7 +191,7 @@ class GaussianProcessModel(Predictor):
             remark="at limit" if _NOISE in at_limit else "",
         )
         parameters = (
-            Hyperparameter(
+            predictor.Hyperparameter(
                 name=parameter.name,
                 quantity=parameter.quantity.value,
                 inputs=tuple(self.inputs[dim] for dim in parameter.dims),

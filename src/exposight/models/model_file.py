@@ -5,8 +5,6 @@ the SHA-256 of all bytes before it, so that any damage shows. Which arrays there
 matter (`Predictor.to_document`). Documented in ``docs/formats.md``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import re

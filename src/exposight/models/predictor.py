@@ -9,24 +9,19 @@ in forecasts like any other.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import polars as pl
+from numpy.typing import ArrayLike, NDArray
 
 from exposight import __version__
-from exposight.cell import GREY_MAX
+from exposight.cell import GREY_MAX, ActiveSensor
 from exposight.errors import InputError, ObservationError, did_you_mean
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from exposight.cell import ActiveSensor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,23 +11,16 @@ exponential ones of Eq. 18 in GPy's form σ²·exp(−r), which Table 8's values
 `exposight.gp.Exponential`.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import InputError, did_you_mean
-from exposight.gp import ChangePoint, Exponential, Linear, RationalQuadratic
+from exposight.gp import ChangePoint, Exponential, Kernel, Linear, RationalQuadratic
 from exposight.models.predictor import input_array
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from exposight.gp import Kernel
-    from exposight.observing import ObservationTable
+from exposight.observing import ObservationTable
 
 I_AVG_MIN = 10.0
 """Below this mean grey value there are no points (Sect. 3.3.3 and Fig. 10)."""

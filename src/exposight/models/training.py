@@ -1,31 +1,23 @@
 """Training: one model, or many in parallel on this machine or on a cluster."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from exposight import gp
+from exposight.cell import ActiveSensor
 from exposight.errors import ObservationError
-from exposight.gp import fit, fit_committee
 from exposight.models.evaluation import check_rows
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
-from exposight.models.specification import I_AVG_MAX, I_AVG_MIN
+from exposight.models.specification import I_AVG_MAX, I_AVG_MIN, ModelSpecification
+from exposight.observing import ObservationTable
 from exposight.workers import DaskCluster, Progress, choose_workers, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor
-    from exposight.gp import Committee, CommitteeFitResult, FitResult, GaussianProcess, ShardTask
-    from exposight.models.specification import ModelSpecification
-    from exposight.observing import ObservationTable
 
 _Likelihood: TypeAlias = "tuple[float, NDArray[np.float64]]"
 
@@ -119,13 +111,13 @@ class Training:
 
         report("", 0, restarts)
         kernel, rng = specification.kernel, np.random.default_rng(self.seed)
-        process: GaussianProcess | Committee
-        result: FitResult | CommitteeFitResult
+        process: gp.GaussianProcess | gp.Committee
+        result: gp.FitResult | gp.CommitteeFitResult
         if limit is None or n_lit <= limit:
-            result = fit(kernel, x, y, rng=rng, restarts=restarts, progress=report)
+            result = gp.fit(kernel, x, y, rng=rng, restarts=restarts, progress=report)
             process = result.process
         else:
-            result = fit_committee(
+            result = gp.fit_committee(
                 kernel,
                 x,
                 y,
@@ -256,7 +248,7 @@ def train_all(
 
 
 def _on_cluster(
-    cluster: DaskCluster, work: Callable[[ShardTask], _Likelihood], tasks: Sequence[ShardTask]
+    cluster: DaskCluster, work: Callable[[gp.ShardTask], _Likelihood], tasks: Sequence[gp.ShardTask]
 ) -> list[_Likelihood]:
     """Evaluate shards on a cluster; results in the order of the tasks (`ShardMap`)."""
     with closing(cluster.run(work, tasks)) as results:

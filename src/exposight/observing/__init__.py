@@ -19,5 +19,5 @@ from exposight.observing.observe import (
     open_campaign,
     ring_brightness,
 )
-from exposight.observing.schema import REQUIRED, SCHEMA, Observation
+from exposight.observing.schema import SCHEMA, Observation
 from exposight.observing.table import ObservationTable, read_inputs, read_observations

@@ -11,36 +11,30 @@ side, so that a cylinder needs only the slice beside it. Together they give the 
 testing every point would.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from exposight.cell import PAPER_TOLERANCE
+from exposight.cell import PAPER_TOLERANCE, ActiveSensor, Cloud, Feature, Part, RingTolerance
 from exposight.compiled import njit
 from exposight.geometry import (
+    HollowCylinder,
+    PinholeCamera,
     PixelBox,
+    RigidTransform,
     count_points_inside,
     outlines_in_camera,
     pixel_boxes,
     ring_pixels,
 )
 from exposight.tables import Column, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor, Cloud, Feature, Part, RingTolerance
-    from exposight.geometry import HollowCylinder, PinholeCamera, RigidTransform
-
 
 _MARGIN_PX = 3
 """Slack round the pixels searched for points: decoded points stray a little from their pixel."""

@@ -7,37 +7,23 @@ i_avg alone and names standard deviation and median as promising further inputs 
 come from one histogram, so they cost nothing beside it.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX, PAPER_TOLERANCE, CampaignFolder, png_bytes
+from exposight import cell
 from exposight.errors import CloudError
-from exposight.observing.masks import (
-    FeatureView,
-    PointSearch,
-    View,
-    Visibility,
-    point_search,
-    view_features,
-)
+from exposight.geometry import RigidTransform
+from exposight.observing import masks
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor, Capture, CaptureSource, Cloud, Part, RingTolerance
-    from exposight.geometry import RigidTransform
-
 
 logger = logging.getLogger(__name__)
 
@@ -46,7 +32,7 @@ _TOO_NEAR = 500.0
 
 
 def observe_capture(
-    capture: Capture, views: tuple[FeatureView, ...], search: PointSearch
+    capture: cell.Capture, views: tuple[masks.FeatureView, ...], search: masks.PointSearch
 ) -> list[Observation]:
     """Observe features in one capture.
 
@@ -64,7 +50,7 @@ def observe_capture(
     list of Observation
         One for each feature, also for those that cannot be measured, in the order given.
     """
-    measured = [view for view in views if view.visibility is Visibility.VISIBLE]
+    measured = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
     counts = dict(zip(map(id, measured), search.count(measured).tolist(), strict=True))
     return [_observe(capture, view, counts.get(id(view))) for view in views]
 
@@ -73,24 +59,27 @@ class Observer:
     """Observes captures of a part one after the other; those of one pose share their masks."""
 
     def __init__(
-        self, part: Part, sensor: ActiveSensor, tolerance: RingTolerance = PAPER_TOLERANCE
+        self,
+        part: cell.Part,
+        sensor: cell.ActiveSensor,
+        tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
     ) -> None:
         self._part, self._sensor, self._tolerance = part, sensor, tolerance
         self._pose: RigidTransform | None = None
-        self._views: tuple[FeatureView, ...] = ()
+        self._views: tuple[masks.FeatureView, ...] = ()
 
-    def observe(self, capture: Capture) -> list[Observation]:
+    def observe(self, capture: cell.Capture) -> list[Observation]:
         """Return an observation of each feature, in the part's order (`observe_capture`)."""
         if capture.camera_from_part != self._pose:
             self._pose = capture.camera_from_part
-            self._views = view_features(self._part, self._sensor, self._pose, self._tolerance)
-        search = point_search(capture.require_cloud(), self._sensor.camera)
+            self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
+        search = masks.point_search(capture.require_cloud(), self._sensor.camera)
         return observe_capture(capture, self._views, search)
 
 
 def observe_campaign(
-    campaign: CaptureSource,
-    tolerance: RingTolerance = PAPER_TOLERANCE,
+    campaign: cell.CaptureSource,
+    tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
     progress: Progress = ignore_progress,
 ) -> ObservationTable:
     """Observe every feature in every capture of a campaign, one capture in memory at a time.
@@ -113,7 +102,7 @@ def observe_campaign(
     """
     rows: list[Observation] = []
     observer = Observer(campaign.part, campaign.sensor, tolerance)
-    some_cloud: Cloud | None = None
+    some_cloud: cell.Cloud | None = None
     for done, capture in enumerate(campaign.captures(), start=1):
         cloud = capture.require_cloud()
         if some_cloud is None and cloud.n_valid:
@@ -134,7 +123,9 @@ def observe_campaign(
     return table
 
 
-def _check_unit(campaign: CaptureSource, measured: ObservationTable, cloud: Cloud) -> None:
+def _check_unit(
+    campaign: cell.CaptureSource, measured: ObservationTable, cloud: cell.Cloud
+) -> None:
     """Refuse clouds in metres, which lie 1000 times nearer to the sensor than the features."""
     if len(measured) == 0 or (measured.array(["p_norm"]) > 0.0).any():
         return
@@ -152,7 +143,7 @@ def _check_unit(campaign: CaptureSource, measured: ObservationTable, cloud: Clou
     raise CloudError(msg)
 
 
-def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Observation:
+def _observe(capture: cell.Capture, view: masks.FeatureView, n_points: int | None) -> Observation:
     """Make a row; `n_points` is None where the feature cannot be measured."""
     row = Observation(
         feature=view.feature.name,
@@ -176,7 +167,7 @@ def _observe(capture: Capture, view: FeatureView, n_points: int | None) -> Obser
 
 
 def ring_brightness(
-    capture: Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    capture: cell.Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> dict[str, Any]:
     """Measure the grey values of a mask's pixels in the stripe image.
 
@@ -197,7 +188,7 @@ def ring_brightness(
     histogram = np.bincount(capture.image[rows, columns], minlength=full_scale + 1)
     levels = np.flatnonzero(histogram)
     counts = histogram[levels]
-    grey = np.asarray(levels * (GREY_MAX / full_scale))
+    grey = np.asarray(levels * (cell.GREY_MAX / full_scale))
     n = rows.size
     mean = float(counts @ grey) / n
     p05, median, p95 = _percentiles(grey, counts, (5.0, 50.0, 95.0))
@@ -227,21 +218,21 @@ _PREVIEW_PX = 320
 """Width of the image that a notebook shows, at most."""
 
 
-class Campaign(CampaignFolder):
+class Campaign(cell.CampaignFolder):
     """A campaign's folder as scripts and notebooks use it: open, look, observe."""
 
     def observe(
         self,
         *,
-        tolerance: RingTolerance = PAPER_TOLERANCE,
+        tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
         progress: Progress = ignore_progress,
     ) -> ObservationTable:
         """Observe every feature in every capture (`observe_campaign`)."""
         return observe_campaign(self, tolerance, progress)
 
-    def view(self, camera_from_part: RigidTransform) -> View:
+    def view(self, camera_from_part: RigidTransform) -> masks.View:
         """Return what the sensor sees of the part from a pose, measured or not."""
-        return View(view_features(self.part, self.sensor, camera_from_part))
+        return masks.View(masks.view_features(self.part, self.sensor, camera_from_part))
 
     def _repr_html_(self) -> str:
         facts = (
@@ -254,7 +245,7 @@ class Campaign(CampaignFolder):
             return f"<p>{facts}</p>"
         step = max(1, -(-first.image.shape[1] // _PREVIEW_PX))
         small = np.ascontiguousarray(first.grey_levels()[::step, ::step]).round().astype(np.uint8)
-        data = base64.b64encode(png_bytes(small)).decode()
+        data = base64.b64encode(cell.png_bytes(small)).decode()
         shown = html.escape(str(first))
         return f'<p>{facts}</p><img alt="{shown}" src="data:image/png;base64,{data}"><p>{shown}</p>'
 

@@ -9,39 +9,20 @@ from __future__ import annotations
 
 import html
 import io
+from collections.abc import Sequence
 from dataclasses import InitVar, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from exposight.errors import (
-    FormatError,
-    InputError,
-    MissingFileError,
-    ObservationError,
-    did_you_mean,
-)
+from exposight import errors
 from exposight.files import write_durably
+from exposight.observing import schema
 from exposight.observing.masks import Visibility
-from exposight.observing.schema import (
-    SCHEMA,
-    Observation,
-    cast_known,
-    check_columns_present,
-    check_frame,
-    check_names,
-    complete,
-)
 from exposight.statistics import random_split, split_by_group
 from exposight.tables import Column, Table, counted, number
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
 
 _NEAR_MM = 5.0
 """A cell's positions reach farther from the TCP than this."""
@@ -75,17 +56,17 @@ class ObservationTable:
 
     def __post_init__(self, checked: bool) -> None:
         if not checked:
-            check_frame(self.frame)
+            schema.check_frame(self.frame)
 
     @classmethod
-    def from_observations(cls, observations: Sequence[Observation]) -> ObservationTable:
+    def from_observations(cls, observations: Sequence[schema.Observation]) -> ObservationTable:
         """Build a table from single observations."""
-        columns = {name: [getattr(row, name) for row in observations] for name in SCHEMA}
-        frame = pl.DataFrame(columns, schema=SCHEMA)
+        columns = {name: [getattr(row, name) for row in observations] for name in schema.SCHEMA}
+        frame = pl.DataFrame(columns, schema=schema.SCHEMA)
         names = dict.fromkeys(name for row in observations for name in row.extra)
         extra = {name: [row.extra.get(name) for row in observations] for name in names}
         if extra:
-            check_names((*SCHEMA, *extra))
+            schema.check_names((*schema.SCHEMA, *extra))
             frame = frame.with_columns(pl.Series(name, extra[name]) for name in extra)
         return cls(frame=frame)
 
@@ -104,7 +85,7 @@ class ObservationTable:
         ObservationError
             If a value is out of its range.
         """
-        return cls(frame=complete(frame))
+        return cls(frame=schema.complete(frame))
 
     @classmethod
     def concat(cls, tables: Sequence[ObservationTable]) -> ObservationTable:
@@ -123,7 +104,7 @@ class ObservationTable:
             if len(types) > 1 and not all(dtype.is_numeric() for dtype in types):
                 listed = ", ".join(map(str, types))
                 msg = f"the tables' columns {name!r} do not fit together: {listed}"
-                raise ObservationError(msg)
+                raise errors.ObservationError(msg)
         return cls(frame=pl.concat(frames, how="diagonal_relaxed"), checked=True)
 
     def __len__(self) -> int:
@@ -132,7 +113,7 @@ class ObservationTable:
     @property
     def further_columns(self) -> tuple[str, ...]:
         """Names of the columns beyond the known ones."""
-        return tuple(self.frame.columns[len(SCHEMA) :])
+        return tuple(self.frame.columns[len(schema.SCHEMA) :])
 
     def measured(self) -> ObservationTable:
         """Return the rows whose feature was visible and measured."""
@@ -174,24 +155,24 @@ class ObservationTable:
         """
         if by != "row" and by not in self.frame.columns:
             known = ("row", *self.frame.columns)
-            msg = f"no column {by!r} to split by{did_you_mean(by, known)}"
-            raise InputError(msg)
+            msg = f"no column {by!r} to split by{errors.did_you_mean(by, known)}"
+            raise errors.InputError(msg)
         if len(self) == 0:
             msg = "the table has no rows, so there is nothing to split"
-            raise ObservationError(msg)
+            raise errors.ObservationError(msg)
         rng = np.random.default_rng(seed)
         try:
             if by == "row":
                 sides = random_split(len(self), share, rng)
             else:
                 sides = split_by_group(self.names(by).astype(str), share, rng)
-        except ObservationError as error:
+        except errors.ObservationError as error:
             groups = counted(len(self) if by == "row" else self.frame[by].n_unique(), by)
             msg = (
                 f"a share of {share:g} of {groups} leaves no {by} to train or none to test; choose "
                 "another share, or split by something else"
             )
-            raise ObservationError(msg) from error
+            raise errors.ObservationError(msg) from error
         train, test = (
             ObservationTable(frame=self.frame[rows], checked=True)
             for rows in (sides.train, sides.test)
@@ -201,7 +182,7 @@ class ObservationTable:
                 msg = (
                     f"the rows to {side} hold no measured observation; choose another seed or share"
                 )
-                raise ObservationError(msg)
+                raise errors.ObservationError(msg)
         return train, test
 
     def array(self, columns: Sequence[str]) -> NDArray[np.float64]:
@@ -217,9 +198,9 @@ class ObservationTable:
             if name not in numeric:
                 msg = (
                     f"no numeric column '{name}' in the observation table; it has {numeric}"
-                    f"{did_you_mean(name, numeric)}"
+                    f"{errors.did_you_mean(name, numeric)}"
                 )
-                raise ObservationError(msg)
+                raise errors.ObservationError(msg)
         selected = self.frame.select(pl.col(list(columns)).cast(pl.Float64).fill_null(np.nan))
         return np.asarray(selected.to_numpy(), dtype=np.float64).reshape(-1, len(columns))
 
@@ -265,7 +246,7 @@ class ObservationTable:
             case ".parquet":
                 self.frame.write_parquet(buffer)
             case suffix:
-                raise FormatError(_WRONG_SUFFIX.format(path, suffix))
+                raise errors.FormatError(_WRONG_SUFFIX.format(path, suffix))
         write_durably(path, buffer.getvalue())
 
     def _repr_html_(self) -> str:
@@ -308,7 +289,7 @@ def read_observations(path: str | Path) -> ObservationTable:
     _check_file(path, "observation table")
     try:
         return ObservationTable.from_frame(_read_frame(path))
-    except (FormatError, ObservationError) as error:
+    except (errors.FormatError, errors.ObservationError) as error:
         text = str(error)
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
@@ -342,13 +323,15 @@ def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
     wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm")))
     present = [name for name in wanted if name in frame.columns]
     try:
-        check_columns_present(frame.columns, columns)
-        known = cast_known(frame, [name for name in present if name in SCHEMA])
-    except FormatError as error:
+        schema.check_columns_present(frame.columns, columns)
+        known = schema.cast_known(frame, [name for name in present if name in schema.SCHEMA])
+    except errors.FormatError as error:
         msg = f"{path}: {error}"
-        raise FormatError(msg) from error
-    further = frame.select(name for name in present if name not in SCHEMA)
-    missing = (pl.lit(None, SCHEMA[name]).alias(name) for name in wanted if name not in present)
+        raise errors.FormatError(msg) from error
+    further = frame.select(name for name in present if name not in schema.SCHEMA)
+    missing = (
+        pl.lit(None, schema.SCHEMA[name]).alias(name) for name in wanted if name not in present
+    )
     return known.with_columns(further).with_columns(missing).select(*wanted)
 
 
@@ -358,12 +341,12 @@ def _check_file(path: Path, what: str) -> None:
         return
     if (path / "campaign.json").is_file():
         msg = f"{path}: a campaign's folder, no {what}; `exposight observe` makes a table of it"
-        raise FormatError(msg)
+        raise errors.FormatError(msg)
     if path.is_dir():
         msg = f"{path}: a folder; expected the file of the {what}, .csv or .parquet"
-        raise FormatError(msg)
+        raise errors.FormatError(msg)
     msg = f"{path}: no such {what}"
-    raise MissingFileError(msg)
+    raise errors.MissingFileError(msg)
 
 
 def _read_frame(path: Path) -> pl.DataFrame:
@@ -371,16 +354,16 @@ def _read_frame(path: Path) -> pl.DataFrame:
         match path.suffix.lower():
             case ".csv":
                 _check_separator(path)
-                text = {name: dtype for name, dtype in SCHEMA.items() if dtype == pl.String}
+                text = {name: dtype for name, dtype in schema.SCHEMA.items() if dtype == pl.String}
                 # Without the types a feature called 007 would become 7.
                 return pl.read_csv(path, infer_schema_length=None, schema_overrides=text)
             case ".parquet":
                 return pl.read_parquet(path)
             case suffix:
-                raise FormatError(_WRONG_SUFFIX.format(path, suffix))
+                raise errors.FormatError(_WRONG_SUFFIX.format(path, suffix))
     except (pl.exceptions.PolarsError, OSError) as error:
         msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
-        raise FormatError(msg) from error
+        raise errors.FormatError(msg) from error
 
 
 def _check_separator(path: Path) -> None:
@@ -393,4 +376,4 @@ def _check_separator(path: Path) -> None:
             f"{path}: its columns are separated by {name}, commas are expected (and a point as "
             "decimal separator); export the table so again"
         )
-        raise FormatError(msg)
+        raise errors.FormatError(msg)

@@ -1,18 +1,11 @@
 """The paper's study: its datasets, model variants, tables, findings and figures, as data."""
 
-from exposight.paper.campaigns import CAMPAIGNS, StudyCampaign, campaign_plan
+from exposight.paper.campaigns import CAMPAIGNS, campaign_plan
 from exposight.paper.datasets import DATASETS, Dataset, build_dataset
-from exposight.paper.figure_data import (
-    FigureData,
-    KernelExample,
-    KernelExamples,
-    StudyFigure,
-    study_figures,
-)
+from exposight.paper.figure_data import FigureData, KernelExamples, StudyFigure, study_figures
 from exposight.paper.observed_curves import (
     BrightnessCurves,
     ExposureRow,
-    FeaturePositions,
     ObservedCurve,
     TrainingPositions,
 )
@@ -29,13 +22,12 @@ from exposight.paper.results import (
     LearningCurve,
     LearningStep,
     Score,
-    Statement,
     StudyResult,
     StudyTables,
     TrainedVariant,
 )
 from exposight.paper.scores import score_variant
 from exposight.paper.study import run_study
-from exposight.paper.study_settings import SENSOR_KINDS, SensorKind, StudySettings
+from exposight.paper.study_settings import StudySettings
 from exposight.paper.study_tables import table_files
 from exposight.paper.variants import VARIANTS, EvaluationRole, EvaluationSet, Variant

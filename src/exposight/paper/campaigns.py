@@ -7,12 +7,10 @@ A folder of recorded campaigns holds, under the names of `CAMPAIGNS`, campaign f
 is asked for) must be there; what depends on the others is left out of the tables.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from exposight import __version__
 from exposight.cell import ActiveSensor, CampaignFolder, sensor_preset
@@ -21,13 +19,10 @@ from exposight.files import KeptFiles, sha256_of
 from exposight.measuring import measure_observations
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper.datasets import DATASETS, TEST, TRAINING
-from exposight.plans import plan_preset, plan_to_toml
+from exposight.paper.study_settings import SensorKind, StudySettings
+from exposight.plans import MeasuringPlan, plan_preset, plan_to_toml
 from exposight.twin import SimulatedCell, scene_at, scene_checksum
-
-if TYPE_CHECKING:
-    from exposight.paper.study_settings import SensorKind, StudySettings
-    from exposight.plans import MeasuringPlan
-    from exposight.workers import Progress
+from exposight.workers import Progress
 
 _logger = logging.getLogger(__name__)
 

@@ -5,26 +5,19 @@ rows below p_norm 0.75 (Sect. 3.4.1), and test features are measured in the same
 plain: ``eX_plusplus`` is ᵉX⁺⁺, and those of the stereo sensor begin with ``s2_``.
 """
 
-from __future__ import annotations
-
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from exposight.models import P_NORM_MIN
 from exposight.observing import ObservationTable
+from exposight.paper.study_settings import SensorKind, StudySettings
 from exposight.statistics import Split, inside_box, random_split, split_by_group
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from exposight.paper.study_settings import SensorKind, StudySettings
-
 
 TRAINING: Final = ("f1", "f2", "f3", "f4")
 TRAINING_PLUS: Final = (*TRAINING, "f5", "f6", "f7", "f8", "f9")

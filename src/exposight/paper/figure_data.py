@@ -1,16 +1,16 @@
 """The paper's figures as arrays, each from what the study already holds: Figs. 5, 10–17, 20–26."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import InputError, ObservationError
-from exposight.gp import RationalQuadratic, SquaredExponential, fit
+from exposight.gp import Kernel, RationalQuadratic, SquaredExponential, fit
+from exposight.paper import predictions
 from exposight.paper.observed_curves import (
     BrightnessCurves,
     ExposureRow,
@@ -21,22 +21,9 @@ from exposight.paper.observed_curves import (
     observed_curves,
 )
 from exposight.paper.prediction_surfaces import PredictionSurfaces, prediction_surfaces
-from exposight.paper.predictions import (
-    BestAndWorst,
-    CaptureForecast,
-    best_and_worst,
-    capture_forecast,
-)
-from exposight.paper.results import DependenceMatrix, LearningCurve
+from exposight.paper.results import DependenceMatrix, LearningCurve, StudyResult
+from exposight.paper.study_settings import SensorKind
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.gp import Kernel
-    from exposight.paper.results import StudyResult
-    from exposight.paper.study_settings import SensorKind
-
 
 _OBSERVATIONS = 7
 _NOISE = 0.05
@@ -133,10 +120,10 @@ def _example(
 FigureData: TypeAlias = (
     KernelExamples
     | BrightnessCurves
-    | BestAndWorst
+    | predictions.BestAndWorst
     | PredictionSurfaces
     | ExposureRow
-    | CaptureForecast
+    | predictions.CaptureForecast
     | DependenceMatrix
     | TrainingPositions
     | LearningCurve
@@ -210,7 +197,7 @@ def _structured_light(result: StudyResult) -> dict[int, Callable[[], FigureData]
         10: lambda: BrightnessCurves(
             sensor=kind, dataset="X", curves=observed_curves(result.dataset("X").table)
         ),
-        11: lambda: best_and_worst(
+        11: lambda: predictions.best_and_worst(
             "q_k4",
             result.variant("q_k4").model,
             "X_test",
@@ -219,14 +206,14 @@ def _structured_light(result: StudyResult) -> dict[int, Callable[[], FigureData]
         ),
         12: partial(_surfaces, result, "q_k4", kind),
         13: partial(_exposure_row, result, "eX", kind),
-        14: lambda: best_and_worst(
+        14: lambda: predictions.best_and_worst(
             "e_k6",
             result.variant("e_k6").model,
             "eX_test",
             result.dataset("eX_test").table,
             inside_only=True,
         ),
-        15: lambda: capture_forecast(
+        15: lambda: predictions.capture_forecast(
             ("q_k4", result.variant("q_k4").model),
             ("e_k6", result.variant("e_k6").model),
             result.dataset("X_test").table,

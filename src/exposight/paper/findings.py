@@ -7,35 +7,27 @@ None where nothing can be computed; `InputError` means that the study lacks a da
 score.
 """
 
-from __future__ import annotations
-
 import operator
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from exposight.errors import InputError
-from exposight.paper.datasets import OUTSIDE, POSE, inside_range
-from exposight.paper.results import Finding, Statement, StudyResult
+from exposight.models import Evaluation
+from exposight.paper.datasets import OUTSIDE, POSE, Dataset, inside_range
+from exposight.paper.results import DependenceMatrix, Finding, Statement, StudyResult
 from exposight.paper.study_settings import SensorKind
 from exposight.paper.study_tables import published_scores
+from exposight.paper.variants import EvaluationRole
 from exposight.statistics import r2, rmse
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.models import Evaluation
-    from exposight.paper.datasets import Dataset
-    from exposight.paper.results import DependenceMatrix
-    from exposight.paper.variants import EvaluationRole
-
 
 _COMPARISONS: Final[Mapping[str, Callable[[float, float], bool]]] = {
     "≥": operator.ge,

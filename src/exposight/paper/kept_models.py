@@ -4,33 +4,18 @@ A model's file is called after a checksum of all that decides it: its kernel and
 learns from, the seed and number of starts, and the program's version.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import logging
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from exposight import __version__
+from exposight import __version__, models
 from exposight.errors import FileError
 from exposight.files import sha256_of
-from exposight.models import (
-    MODEL_SUFFIX,
-    GaussianProcessModel,
-    Training,
-    load_model,
-    run_trainings,
-    save_model,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from exposight.observing import ObservationTable
-    from exposight.workers import Progress
-
+from exposight.observing import ObservationTable
+from exposight.workers import Progress
 
 _STAGE = "training models"
 
@@ -38,17 +23,17 @@ _logger = logging.getLogger(__name__)
 
 
 def train_or_read(
-    trainings: Sequence[Training],
+    trainings: Sequence[models.Training],
     folder: Path,
     *,
     workers: int,
     progress: Progress,
-) -> tuple[GaussianProcessModel, ...]:
+) -> tuple[models.GaussianProcessModel, ...]:
     """Train models, or read those that an earlier run trained.
 
     Parameters
     ----------
-    trainings : sequence of Training
+    trainings : sequence of models.Training
         What to train; `source_sha256` must be the checksum of the rows (`table_checksum`).
     folder : Path
         Where models are kept; it must exist.
@@ -59,7 +44,7 @@ def train_or_read(
 
     Returns
     -------
-    tuple of GaussianProcessModel
+    tuple of models.GaussianProcessModel
         In the order of `trainings`, always as read from their files.
 
     Raises
@@ -79,18 +64,18 @@ def train_or_read(
     queue = [training for training in trainings if id(training) in missing]
     done = len(trainings) - len(queue)
     progress(_STAGE, done, len(trainings))
-    with closing(run_trainings(queue, workers=workers)) as results:
+    with closing(models.run_trainings(queue, workers=workers)) as results:
         for training, model in results:
-            save_model(missing[id(training)], model)
+            models.save_model(missing[id(training)], model)
             done += 1
             progress(_STAGE, done, len(trainings))
     return tuple(
-        load_model(path, GaussianProcessModel) if model is None else model
+        models.load_model(path, models.GaussianProcessModel) if model is None else model
         for path, model in zip(paths, kept, strict=True)
     )
 
 
-def model_path(training: Training, folder: Path) -> Path:
+def model_path(training: models.Training, folder: Path) -> Path:
     """Return the file in a folder that holds the model of exactly this training."""
     specification = training.specification
     decisive = {
@@ -109,15 +94,15 @@ def model_path(training: Training, folder: Path) -> Path:
         "version": __version__,
     }
     checksum = sha256_of(json.dumps(decisive, sort_keys=True).encode())[:12]
-    return folder / f"{specification.name}-{checksum}{MODEL_SUFFIX}"
+    return folder / f"{specification.name}-{checksum}{models.MODEL_SUFFIX}"
 
 
-def _kept(path: Path) -> GaussianProcessModel | None:
+def _kept(path: Path) -> models.GaussianProcessModel | None:
     """Return the model that an earlier run kept; a damaged one is trained again."""
     if not path.is_file():
         return None
     try:
-        return load_model(path, GaussianProcessModel)
+        return models.load_model(path, models.GaussianProcessModel)
     except FileError as error:
         _logger.warning("trained again: %s", error)
         return None

@@ -1,20 +1,13 @@
 """Observations as curves: one feature in one view over all exposure times."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.observing import ObservationTable
-    from exposight.paper.study_settings import SensorKind
-
+from exposight.observing import ObservationTable
+from exposight.paper.study_settings import SensorKind
 
 _COLUMNS = ("exposure_ms", "i_avg", "p_norm", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
 _ROW_WIDTH_MM = 10.0

@@ -1,20 +1,13 @@
 """Predictions over the sensor's x-y plane, at three depths and three brightnesses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.models import GaussianProcessModel
-    from exposight.paper.study_settings import SensorKind
-
+from exposight.models import GaussianProcessModel
+from exposight.paper.study_settings import SensorKind
 
 DEPTHS_MM = (-150.0, 0.0, 150.0)
 """z_tcp of the columns of Figs. 12, 24, 25 and 26."""

@@ -1,25 +1,16 @@
 """Predictions beside observations: best and worst curves, one capture (Figs. 11, 14, 15)."""
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
-from exposight.models import P_NORM_MIN
+from exposight.models import P_NORM_MIN, GaussianProcessModel
+from exposight.observing import ObservationTable
 from exposight.paper.observed_curves import ObservedCurve, observed_curves
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from exposight.models import GaussianProcessModel
-    from exposight.observing import ObservationTable
-
 
 _SHOWN = 3
 """Best and worst predictions that the figures show."""

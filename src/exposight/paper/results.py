@@ -1,25 +1,19 @@
 """What the paper's study yields: trained variants, scores, tables, curves, findings, as records."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 
 from exposight.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import polars as pl
-    from numpy.typing import NDArray
-
-    from exposight.models import Evaluation, GaussianProcessModel
-    from exposight.paper.datasets import Dataset
-    from exposight.paper.study_settings import SensorKind, StudySettings
-    from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
-    from exposight.statistics import RegressionScore
+from exposight.models import Evaluation, GaussianProcessModel
+from exposight.paper.datasets import Dataset
+from exposight.paper.study_settings import SensorKind, StudySettings
+from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
+from exposight.statistics import RegressionScore
 
 _Item = TypeVar("_Item")
 

@@ -1,23 +1,15 @@
 """Scores: every trained variant evaluated on every set of rows that the paper uses."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from exposight.errors import ObservationError
 from exposight.models import GaussianProcessModel, evaluate
-from exposight.paper.datasets import inside_range
-from exposight.paper.results import LearningCurve, LearningStep, Score
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from exposight.observing import ObservationTable
-    from exposight.paper.datasets import Dataset
-    from exposight.paper.results import TrainedVariant
-    from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
+from exposight.observing import ObservationTable
+from exposight.paper.datasets import Dataset, inside_range
+from exposight.paper.results import LearningCurve, LearningStep, Score, TrainedVariant
+from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
 
 
 def score_variant(

@@ -10,15 +10,15 @@ Both are named by checksums of what they were made from, so running again uses w
 changed setting makes only what it changes.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from exposight import __version__
+from exposight.cell import ActiveSensor
 from exposight.files import make_folder
 from exposight.models import Training
 from exposight.observing import ObservationTable
@@ -33,12 +33,6 @@ from exposight.paper.study_tables import study_tables
 from exposight.paper.variants import LEARNING_CURVES, VARIANTS, Variant
 from exposight.statistics import maximal_information_matrix
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from exposight.cell import ActiveSensor
-
 
 DEPENDENCE_COLUMNS: Final = (
     "p_norm",

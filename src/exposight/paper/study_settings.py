@@ -1,7 +1,5 @@
 """What decides the result of a study."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal

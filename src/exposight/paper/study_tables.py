@@ -5,30 +5,23 @@ holds Tables 2 to 6, ``data/hyperparameters.csv`` Table 8 (a product's variances
 only that matters), ``data/datasets.csv`` Table 9.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import operator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 
 from exposight.gp import gpy_length_scale
-from exposight.paper.results import StudyTables
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from exposight.models import Hyperparameter
-    from exposight.observing import ObservationTable
-    from exposight.paper.datasets import Dataset
-    from exposight.paper.results import Score, StudyResult, TrainedVariant
-
+from exposight.models import Hyperparameter
+from exposight.observing import ObservationTable
+from exposight.paper.datasets import Dataset
+from exposight.paper.results import Score, StudyResult, StudyTables, TrainedVariant
 
 RANGES: Final = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 """Columns of which Table 9 prints the range; r is 0 throughout."""

@@ -6,20 +6,13 @@ beside every validation on a random split one on a split by whole views. Names a
 ``e_k6_star`` is ᵉk₆*, and those of the stereo sensor end with ``_s2``.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
-from exposight.models import model_named, product_kernel
+from exposight.models import ModelSpecification, model_named, product_kernel
 from exposight.paper.datasets import OUTSIDE, POSE, POSITION
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from exposight.models import ModelSpecification
-    from exposight.paper.study_settings import SensorKind
-
+from exposight.paper.study_settings import SensorKind
 
 EvaluationRole = Literal["validation", "validation_by_view", "test", "test_inside", "extended"]
 """How evaluation rows relate to those trained on.

@@ -6,29 +6,21 @@ proportion, and the quality model tells what to expect of it. This is not a plan
 time is chosen for the view, and no pose is.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError
 from exposight.files import write_durably
-from exposight.observing import View, pose_columns
+from exposight.models import Prediction, Predictor
+from exposight.observing import FeatureView, View, pose_columns
 from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, counted
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.models import Prediction, Predictor
-    from exposight.observing import FeatureView
 
 WANTED_I_AVG = 80.0
 """Grey level, on the plateau of the paper's Fig. 10, which reaches from about 30 to about 120."""

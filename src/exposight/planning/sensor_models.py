@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+from exposight.cell import ActiveSensor
 from exposight.errors import InputError
 from exposight.files import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
+    Evaluation,
     ModelSpecification,
+    Predictor,
     evaluate,
     load_model,
     model_named,
     save_model,
     train_all,
 )
+from exposight.observing import FeatureView, ObservationTable, View
 from exposight.planning.forecasts import Forecast, forecast
 from exposight.quantities import quantity
 from exposight.tables import Column, Table
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from exposight.cell import ActiveSensor
-    from exposight.models import Evaluation, Predictor
-    from exposight.observing import FeatureView, ObservationTable, View
 
 DEFAULT_MODELS = ("q_k1", "e_k6")
 """What `train` and ``exposight train`` train, and reports forecast with where they are at hand.

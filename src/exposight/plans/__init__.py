@@ -8,7 +8,7 @@ from exposight.plans.files import (
     read_plan,
     write_plan,
 )
-from exposight.plans.plan import BlindViews, MeasuringPlan, PlannedView, Side
+from exposight.plans.plan import MeasuringPlan, PlannedView
 from exposight.plans.positions import (
     DepthPlane,
     FixedView,

@@ -20,33 +20,23 @@ In TOML; YAML has the same keys::
     lighting = "II"
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tomli_w
 import yaml
 from pydantic import Field
 
-from exposight.cell import PRESETS, preset_name, sensor_named_or_read, write_sensor
+from exposight.cell import PRESETS, ActiveSensor, preset_name, sensor_named_or_read, write_sensor
 from exposight.errors import FormatError, InputError
 from exposight.files import check_header, read_text, validate, write_durably
+from exposight.plans import positions
 from exposight.plans.plan import MeasuringPlan
-from exposight.plans.positions import (
-    even_positions,
-    logarithmic_exposures,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator
-
-    from exposight.cell import ActiveSensor
-
 
 PLAN_FORMAT = "exposight measuring plan"
 PLAN_VERSION = 2
@@ -201,11 +191,11 @@ def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
     for key in ("x_mm", "y_mm"):
         if isinstance(group.get(key), dict):
             even = validate(_Even, group[key], f"{place}.{key}")
-            group[key] = even_positions(even.first, even.last, even.count)
+            group[key] = positions.even_positions(even.first, even.last, even.count)
     if isinstance(group.get("exposures_ms"), dict):
         steps = validate(_Logarithmic, group["exposures_ms"], f"{place}.exposures_ms")
         try:
-            group["exposures_ms"] = logarithmic_exposures(
+            group["exposures_ms"] = positions.logarithmic_exposures(
                 steps.first, steps.last, steps.count, sensor
             )
         except InputError as error:

@@ -1,35 +1,19 @@
 """Measuring plans: from where and for how long a sensor measures a part."""
 
-from __future__ import annotations
-
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import ActiveSensor, Part
+from exposight.cell import ActiveSensor, Feature, Part
 from exposight.errors import FeatureError, InputError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.observing import Visibility, view_features
-from exposight.plans.positions import (
-    DepthPlane,
-    FixedView,
-    RandomPositions,
-    check_name,
-    first_twice,
-    view_seed,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import Feature
-
+from exposight.plans import positions
 
 logger = logging.getLogger(__name__)
 
@@ -120,9 +104,9 @@ class MeasuringPlan:
     features: tuple[str, ...]
     reference: str = ""
     side: Side = "inside"
-    planes: tuple[DepthPlane, ...] = ()
-    random: tuple[RandomPositions, ...] = ()
-    fixed: tuple[FixedView, ...] = ()
+    planes: tuple[positions.DepthPlane, ...] = ()
+    random: tuple[positions.RandomPositions, ...] = ()
+    fixed: tuple[positions.FixedView, ...] = ()
     blind_views: BlindViews = "refuse"
     seed: int = 0
     simulated: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -130,7 +114,7 @@ class MeasuringPlan:
     def __post_init__(self) -> None:
         for name in ("features", "planes", "random", "fixed"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        check_name(self.name)
+        positions.check_name(self.name)
         fault = self._fault()
         if fault:
             msg = f"plan {self.name!r}: {fault}"
@@ -145,7 +129,7 @@ class MeasuringPlan:
                 return f"{key} must be one of {', '.join(known)}, got {value!r}"
         if not self.features:
             return "features is empty; name at least one feature that shall be observed"
-        twice = first_twice(self.features)
+        twice = positions.first_twice(self.features)
         if twice is not None:
             return f"feature {twice!r} is there twice"
         if not self.reference and (self.planes or self.random):
@@ -153,7 +137,7 @@ class MeasuringPlan:
         names = [group.name for group in self.groups]
         if not names:
             return "it has neither planes nor random positions nor views; add at least one"
-        twice = first_twice(names)
+        twice = positions.first_twice(names)
         if twice is not None:
             return f"two planes are called {twice!r}; give each a name of its own"
         if self.seed < 0:
@@ -161,7 +145,9 @@ class MeasuringPlan:
         return ""
 
     @property
-    def groups(self) -> tuple[DepthPlane | RandomPositions | FixedView, ...]:
+    def groups(
+        self,
+    ) -> tuple[positions.DepthPlane | positions.RandomPositions | positions.FixedView, ...]:
         """Planes, random positions, fixed views: each with a name, exposure times and `n_views`."""
         return (*self.planes, *self.random, *self.fixed)
 
@@ -236,7 +222,7 @@ def _views(plan: MeasuringPlan, part: Part) -> tuple[PlannedView, ...]:
             f"none of its views sees any of {', '.join(plan.features)}; check side, reference "
             "and positions"
         )
-    twice = first_twice([view.name for view in planned])
+    twice = positions.first_twice([view.name for view in planned])
     if twice is not None:
         fault = f"two views are called {twice!r}; give each a name of its own"
     if fault:
@@ -253,15 +239,17 @@ class _Station:
     observed: Part
     reference: Feature | None
 
-    def on_grid(self, plane: DepthPlane) -> Iterator[PlannedView]:
+    def on_grid(self, plane: positions.DepthPlane) -> Iterator[PlannedView]:
         for name, position in plane.positions():
             self._check_distance(name, position)
             yield from self._unless_blind(self._at_position(name, position, plane.exposures_ms))
 
-    def at_random(self, box: RandomPositions) -> Iterator[PlannedView]:
+    def at_random(self, box: positions.RandomPositions) -> Iterator[PlannedView]:
         low, high = np.array([box.x_mm, box.y_mm, box.z_tcp_mm]).T
         for name in box.names():
-            generator = np.random.default_rng([*view_seed(self.plan.seed, name), _POSITION])
+            generator = np.random.default_rng(
+                [*positions.view_seed(self.plan.seed, name), _POSITION]
+            )
             for _ in range(_MAX_DRAWS):
                 x, y, z = generator.uniform(low, high).tolist()
                 self._check_distance(name, (x, y, z))
@@ -277,7 +265,7 @@ class _Station:
                 )
                 raise InputError(msg)
 
-    def at_pose(self, fixed: FixedView) -> Iterator[PlannedView]:
+    def at_pose(self, fixed: positions.FixedView) -> Iterator[PlannedView]:
         tcp_from_camera = self.plan.sensor.camera_from_tcp.inverse()
         yield from self._unless_blind(
             PlannedView(

@@ -5,22 +5,16 @@ feature comes to lie on a grid over x and y of the TCP frame, in planes of const
 has its own exposure times. ``z_tcp_mm`` below 0 is nearer to the sensor.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from exposight.cell import StoredPose
+from exposight.cell import ActiveSensor, StoredPose
 from exposight.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from exposight.cell import ActiveSensor
 
 _Value = TypeVar("_Value", str, float)
 

@@ -6,8 +6,6 @@ the features' poses span the table's ranges on this part, and said to be assumed
 models (eX) are rows of quality models without observations below p_norm 0.75, so they share plans.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -15,13 +13,8 @@ from typing import Final
 
 from exposight.cell import ActiveSensor, sensor_preset
 from exposight.errors import InputError, did_you_mean
+from exposight.plans import positions
 from exposight.plans.plan import MeasuringPlan
-from exposight.plans.positions import (
-    DepthPlane,
-    RandomPositions,
-    even_positions,
-    logarithmic_exposures,
-)
 
 _SEED = 1
 _COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
@@ -33,48 +26,49 @@ _OUTSIDE = ("f1_out", "f2_out", "f3_out", "f4_out", "f5_out")
 
 # 4 × 4 positions in each of three planes: 48 (Sect. 3.2.1 and its 480 measurements). Table 9 gives
 # the ranges over all features; f1's are assumed to be the symmetric part of them.
-_NEAR = DepthPlane(
+_NEAR = positions.DepthPlane(
     name="near",
     z_tcp_mm=-165.0,
-    x_mm=even_positions(-135, 135, 4),
-    y_mm=even_positions(-100, 100, 4),
+    x_mm=positions.even_positions(-135, 135, 4),
+    y_mm=positions.even_positions(-100, 100, 4),
     exposures_ms=(5, 7, 10, 14, 19, 26, 37, 51, 72, 100),
 )
 # "Some" of the front plane's measurements were aligned by the robot's kinematics alone (Sect.
 # 3.2.2); one in four is assumed.
 _SIMULATED_NEAR = {"kinematic_share": {_NEAR.name: 0.25}}
-_MIDDLE = DepthPlane(
+_MIDDLE = positions.DepthPlane(
     name="middle",
     z_tcp_mm=-5.0,
-    x_mm=even_positions(-225, 225, 4),
-    y_mm=even_positions(-150, 150, 4),
+    x_mm=positions.even_positions(-225, 225, 4),
+    y_mm=positions.even_positions(-150, 150, 4),
     exposures_ms=(5, 7, 11, 16, 23, 33, 48, 70, 103, 150),
 )
-_FAR = DepthPlane(
+_FAR = positions.DepthPlane(
     name="far",
     z_tcp_mm=155.0,
-    x_mm=even_positions(-230, 230, 4),
-    y_mm=even_positions(-200, 200, 4),
+    x_mm=positions.even_positions(-230, 230, 4),
+    y_mm=positions.even_positions(-200, 200, 4),
     # 225 as printed; the logarithmic scale would have 255.
     exposures_ms=(20, 27, 38, 52, 71, 98, 135, 185, 225, 350),
 )
-_FINER = DepthPlane(  # eX⁺⁺: exposures as in Table 9, x and y finer (Sect. 3.4.8); 5 × 5 is assumed
+# eX⁺⁺: exposures as in Table 9, x and y finer (Sect. 3.4.8); 5 × 5 is assumed.
+_FINER = positions.DepthPlane(
     name="middle-finer",
     z_tcp_mm=-5.0,
-    x_mm=even_positions(-225, 225, 5),
-    y_mm=even_positions(-150, 150, 5),
+    x_mm=positions.even_positions(-225, 225, 5),
+    y_mm=positions.even_positions(-150, 150, 5),
     exposures_ms=tuple(float(ms) for ms in range(5, 121, 5)),
 )
 
 _FEW_EXPOSURES = (15.0, 40.0, 65.0, 90.0, 115.0)
 """Lighting and outside rows of Table 9."""
 
-_STEREO_EXPOSURES = logarithmic_exposures(0.07, 18.0, 16, _VISARD)
+_STEREO_EXPOSURES = positions.logarithmic_exposures(0.07, 18.0, 16, _VISARD)
 """Table 9 gives 0.07 to 18 ms; a logarithmic scale as for the other sensor, and 16, are assumed."""
 
 
 def _inside(
-    name: str, planes: tuple[DepthPlane, ...], features: tuple[str, ...] = _TRAINING
+    name: str, planes: tuple[positions.DepthPlane, ...], features: tuple[str, ...] = _TRAINING
 ) -> MeasuringPlan:
     return MeasuringPlan(
         name=name,
@@ -91,7 +85,7 @@ def _inside(
 
 def _lighting(name: str, lighting: str) -> MeasuringPlan:
     """One position, five exposures (Sect. 4.1); f4_test was not observed."""
-    position = DepthPlane(
+    position = positions.DepthPlane(
         name="single",
         z_tcp_mm=-5.0,
         x_mm=(-70.0,),  # assumed: all three features are well in the frame
@@ -105,11 +99,11 @@ def _lighting(name: str, lighting: str) -> MeasuringPlan:
 def _stereo(name: str, features: tuple[str, ...]) -> MeasuringPlan:
     """Finer in space (Sect. 4.2.1): 8 × 6 positions in five planes are assumed."""
     planes = tuple(
-        DepthPlane(
+        positions.DepthPlane(
             name=f"plane-{number}",
             z_tcp_mm=z,
-            x_mm=even_positions(-x, x, 8),
-            y_mm=even_positions(top, bottom, 6),
+            x_mm=positions.even_positions(-x, x, 8),
+            y_mm=positions.even_positions(top, bottom, 6),
             exposures_ms=_STEREO_EXPOSURES,
         )
         for number, (z, x, top, bottom) in enumerate(
@@ -126,7 +120,7 @@ def _stereo(name: str, features: tuple[str, ...]) -> MeasuringPlan:
     return replace(_inside(name, planes, features), sensor=_VISARD)
 
 
-def _outside(name: str, sensor: ActiveSensor, positions: RandomPositions) -> MeasuringPlan:
+def _outside(name: str, sensor: ActiveSensor, box: positions.RandomPositions) -> MeasuringPlan:
     """Random positions before the outside (Sect. 4.3).
 
     Table 9's ranges of all features are taken as the reference feature's, and as many positions as
@@ -138,7 +132,7 @@ def _outside(name: str, sensor: ActiveSensor, positions: RandomPositions) -> Mea
         side="outside",
         features=_OUTSIDE,
         reference="f3_out",  # in the middle of them; assumed
-        random=(positions,),
+        random=(box,),
         seed=_SEED,
     )
 
@@ -150,19 +144,19 @@ def _small() -> MeasuringPlan:
             _NEAR,
             x_mm=(30.0, 90.0),
             y_mm=(0.0,),
-            exposures_ms=logarithmic_exposures(5, 100, 8, _COMET),
+            exposures_ms=positions.logarithmic_exposures(5, 100, 8, _COMET),
         ),
         replace(
             _MIDDLE,
             x_mm=(-100.0, 150.0),
             y_mm=(-80.0, 80.0),
-            exposures_ms=logarithmic_exposures(5, 150, 8, _COMET),
+            exposures_ms=positions.logarithmic_exposures(5, 150, 8, _COMET),
         ),
         replace(
             _FAR,
             x_mm=(-100.0, 200.0),
             y_mm=(0.0,),
-            exposures_ms=logarithmic_exposures(20, 350, 8, _COMET),
+            exposures_ms=positions.logarithmic_exposures(20, 350, 8, _COMET),
         ),
     )
     features = _TRAINING + _MORE_TRAINING + _TEST
@@ -200,7 +194,7 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         _outside(
             "x-out",
             _COMET,
-            RandomPositions(
+            positions.RandomPositions(
                 name="random",
                 count=14,
                 x_mm=(-300, 258),
@@ -212,7 +206,7 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         _outside(
             "stereo-x-out",
             _VISARD,
-            RandomPositions(
+            positions.RandomPositions(
                 name="random",
                 count=6,
                 x_mm=(-287, 26),

@@ -1,50 +1,20 @@
 """The page of any campaign or table of observations, with models or without."""
 
-from __future__ import annotations
-
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from exposight.cell import CampaignFolder
+from exposight.cell import ActiveSensor, CampaignFolder, CaptureSource
 from exposight.errors import InputError
 from exposight.files import make_folder, write_durably
-from exposight.models import P_NORM_MIN, load_model
+from exposight.models import P_NORM_MIN, Predictor, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
-from exposight.report.campaign_summary import (
-    CampaignSummary,
-    ModelResult,
-    ShownView,
-    evaluate_models,
-    forecasting_models,
-    show_view,
-    summarise,
-    with_forecast,
-)
-from exposight.report.model_figures import (
-    brightness_still,
-    choice_plot,
-    exposure_still,
-    forecast_still,
-    prediction_plot,
-)
+from exposight.report import campaign_summary, model_figures, pictures
 from exposight.report.palette import CLIPPED, NO_POINT, P_NORM_SCALE
 from exposight.report.part_plot import PartMesh, part_plot, read_part_mesh
-from exposight.report.pictures import (
-    Picture,
-    close_picture,
-    marked_picture,
-    picture,
-    ringed_picture,
-)
 from exposight.report.rendering import render_page, rounded
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-    from exposight.cell import ActiveSensor, CaptureSource
-    from exposight.models import Predictor
 
 _STAGE = "writing the report"
 _CLOSE_UPS = 4
@@ -86,9 +56,9 @@ class CampaignReport:
     title: str
     lead: str
     table: ObservationTable
-    summary: CampaignSummary
-    view: ShownView
-    results: tuple[ModelResult, ...] = ()
+    summary: campaign_summary.CampaignSummary
+    view: campaign_summary.ShownView
+    results: tuple[campaign_summary.ModelResult, ...] = ()
     unseen: frozenset[str] = frozenset()
     sensor: ActiveSensor | None = None
     mesh: PartMesh | None = None
@@ -110,16 +80,16 @@ class CampaignReport:
             forecast=view.forecast,
             good=P_NORM_MIN,
             part=part_plot(view, self.mesh, self.unseen),
-            exposures=exposure_still(self.summary),
+            exposures=model_figures.exposure_still(self.summary),
             frames=_frames(view),
             close_ups=_close_ups(view, self.unseen),
-            choice=choice_plot(view, self.unseen),
-            forecast_figure=forecast_still(view, self.unseen),
-            brightness=brightness_still(self.table, self.results, self.unseen),
+            choice=model_figures.choice_plot(view, self.unseen),
+            forecast_figure=model_figures.forecast_still(view, self.unseen),
+            brightness=model_figures.brightness_still(self.table, self.results, self.unseen),
             predictions=[
                 plot
                 for target in _TARGETS
-                if (plot := prediction_plot(self.results, target)) is not None
+                if (plot := model_figures.prediction_plot(self.results, target)) is not None
             ],
             colours=P_NORM_SCALE,
             clipped=CLIPPED,
@@ -186,11 +156,11 @@ def campaign_report(
     if unknown:
         msg = f"unseen features must be in the campaign, got {', '.join(sorted(unknown))}"
         raise InputError(msg)
-    summary = summarise(table)
-    view = show_view(table, campaign=campaign)
-    forecasting = forecasting_models(models)
+    summary = campaign_summary.summarise(table)
+    view = campaign_summary.show_view(table, campaign=campaign)
+    forecasting = campaign_summary.forecasting_models(models)
     if forecasting is not None:
-        view = with_forecast(view, forecasting)
+        view = campaign_summary.with_forecast(view, forecasting)
     name = title or ("Observations" if campaign is None else campaign.name)
     sensor = None if campaign is None else campaign.sensor
     return CampaignReport(
@@ -200,7 +170,7 @@ def campaign_report(
         table=table,
         summary=summary,
         view=view,
-        results=evaluate_models(models, table, unseen),
+        results=campaign_summary.evaluate_models(models, table, unseen),
         unseen=frozenset(unseen),
         sensor=sensor,
         mesh=mesh,
@@ -272,25 +242,27 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _frames(view: ShownView) -> list[Picture]:
+def _frames(view: campaign_summary.ShownView) -> list[pictures.Picture]:
     frames = []
     for index, capture in enumerate(view.captures):
         title = f"{capture.exposure_ms:.4g} ms" + (", emulated" if capture.emulated else "")
-        pixels = ringed_picture(marked_picture(capture), view.views, view.p_norm[:, index])
+        pixels = pictures.ringed_picture(
+            pictures.marked_picture(capture), view.views, view.p_norm[:, index]
+        )
         alternative = (
             f"Image at {title}; clipped pixels red, pixels without a point blue, rings coloured "
             "by their quality"
         )
-        frames.append(picture(pixels, title, alternative, photo=True))
+        frames.append(pictures.picture(pixels, title, alternative, photo=True))
     return frames
 
 
-def _close_ups(view: ShownView, unseen: frozenset[str]) -> list[Picture]:
+def _close_ups(view: campaign_summary.ShownView, unseen: frozenset[str]) -> list[pictures.Picture]:
     """Show unseen features close by; without any, those that are measured worst."""
     worst = sorted(range(len(view.features)), key=lambda i: float(view.p_norm[i, view.main]))
     apart = [i for i, name in enumerate(view.features) if name in unseen]
     chosen = sorted((apart or worst)[:_CLOSE_UPS])
-    marked = [marked_picture(capture) for capture in view.captures]
+    marked = [pictures.marked_picture(capture) for capture in view.captures]
     tiles = []
     for i in chosen if marked else ():
         for index, pixels in enumerate(marked):
@@ -302,6 +274,6 @@ def _close_ups(view: ShownView, unseen: frozenset[str]) -> list[Picture]:
                     f", {rounded(taken.p_norm[i, index], 2)} ± "
                     f"{rounded(2 * taken.p_norm_std[i, index], 2)} predicted"
                 )
-            close = close_picture(pixels, view.views[i], float(view.p_norm[i, index]))
-            tiles.append(picture(close, title, title, photo=False))
+            close = pictures.close_picture(pixels, view.views[i], float(view.p_norm[i, index]))
+            tiles.append(pictures.picture(close, title, title, photo=False))
     return tiles

@@ -3,31 +3,21 @@
 Everything is computed here, once; the page only words and draws it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
+from exposight.cell import ActiveSensor, Capture, CaptureSource
 from exposight.errors import ObservationError
 from exposight.geometry import RigidTransform
-from exposight.models import P_NORM_MIN, evaluate
-from exposight.observing import view_features
-from exposight.planning import DEFAULT_MODELS, SensorModels
-from exposight.statistics import score
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor, Capture, CaptureSource
-    from exposight.models import Evaluation, Predictor
-    from exposight.observing import FeatureView, ObservationTable
-    from exposight.planning import Forecast
-    from exposight.statistics import RegressionScore
+from exposight.models import P_NORM_MIN, Evaluation, Predictor, evaluate
+from exposight.observing import FeatureView, ObservationTable, view_features
+from exposight.planning import DEFAULT_MODELS, Forecast, SensorModels
+from exposight.statistics import RegressionScore, score
 
 
 @dataclass(frozen=True, kw_only=True)

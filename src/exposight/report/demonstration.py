@@ -5,44 +5,39 @@ the sensor stands where it never stood: the exposure time is chosen by predictio
 is taken, and what came is compared with what was predicted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from exposight.cell import write_features
+from exposight.cell import CampaignFolder, write_features
 from exposight.errors import InputError
 from exposight.files import make_folder
 from exposight.measuring import measure
-from exposight.models import MODEL_SUFFIX, ModelSpecification, model_named, save_model, train_all
-from exposight.observing import Visibility, observe_campaign, view_features
+from exposight.models import (
+    MODEL_SUFFIX,
+    ModelSpecification,
+    Predictor,
+    model_named,
+    save_model,
+    train_all,
+)
+from exposight.observing import ObservationTable, Visibility, observe_campaign, view_features
 from exposight.planning import SensorModels
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan
+from exposight.report import campaign_summary
 from exposight.report.campaign_page import CampaignReport, sensor_facts
-from exposight.report.campaign_summary import (
-    BRACKET,
-    EXPOSURE_MODEL,
-    QUALITY_MODEL,
-    ShownView,
-    evaluate_models,
-    show_view,
-    summarise,
-    with_forecast,
-)
 from exposight.report.part_plot import PartMesh
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers
 
-if TYPE_CHECKING:
-    from exposight.cell import CampaignFolder
-    from exposight.models import Predictor
-    from exposight.observing import ObservationTable
-
-_MODELS = tuple(map(model_named, ("q_k1", QUALITY_MODEL, "e_k1", "e_k4", EXPOSURE_MODEL)))
+_MODELS = tuple(
+    map(
+        model_named,
+        ("q_k1", campaign_summary.QUALITY_MODEL, "e_k1", "e_k4", campaign_summary.EXPOSURE_MODEL),
+    )
+)
 _UNSEEN_SUFFIX = "_test"  # as the door's test features are called
 _NEW_POSITION = DepthPlane(
     name="new",
@@ -102,10 +97,15 @@ class DemonstrationSettings:
             )
             raise InputError(msg)
         names = [model.name for model in self.models]
-        missing = [name for name in (QUALITY_MODEL, EXPOSURE_MODEL) if name not in names]
+        missing = [
+            name
+            for name in (campaign_summary.QUALITY_MODEL, campaign_summary.EXPOSURE_MODEL)
+            if name not in names
+        ]
         if missing:
             msg = (
-                f"the demonstration needs the models {QUALITY_MODEL} and {EXPOSURE_MODEL}, got "
+                f"the demonstration needs the models {campaign_summary.QUALITY_MODEL} and "
+                f"{campaign_summary.EXPOSURE_MODEL}, got "
                 f"{', '.join(names) or 'none'}; add {' and '.join(missing)}"
             )
             raise InputError(msg)
@@ -222,11 +222,14 @@ def _new_view(
     campaign: CampaignFolder,
     models: tuple[Predictor, ...],
     progress: Progress,
-) -> ShownView:
+) -> campaign_summary.ShownView:
     """Forecast the view at all exposure times, choose one, and only then take the view."""
     sensor, part = campaign.sensor, campaign.part
     named = {model.name: model for model in models}
-    forecasting = SensorModels(quality=named[QUALITY_MODEL], exposure=named[EXPOSURE_MODEL])
+    forecasting = SensorModels(
+        quality=named[campaign_summary.QUALITY_MODEL],
+        exposure=named[campaign_summary.EXPOSURE_MODEL],
+    )
     progress("forecasting a new view", 0, 1)
     plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
     (planned,) = plan.views(part)
@@ -237,16 +240,18 @@ def _new_view(
     choice = forecasting.forecast(visible)
     chosen_ms = choice.best_exposure_ms()
     exposures_ms = (
-        sensor.nearest_exposure(max(chosen_ms / BRACKET, sensor.exposure.min_ms)),
+        sensor.nearest_exposure(max(chosen_ms / campaign_summary.BRACKET, sensor.exposure.min_ms)),
         chosen_ms,
-        sensor.nearest_exposure(min(chosen_ms * BRACKET, sensor.exposure.max_ms)),
+        sensor.nearest_exposure(min(chosen_ms * campaign_summary.BRACKET, sensor.exposure.max_ms)),
     )
     forecast = forecasting.forecast(visible, exposures_ms)
     progress("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
     taken = _simulate(plan, folder, "taking the new view", progress)
-    view = show_view(observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken)
-    return with_forecast(view, forecasting, (choice, forecast))
+    view = campaign_summary.show_view(
+        observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken
+    )
+    return campaign_summary.with_forecast(view, forecasting, (choice, forecast))
 
 
 def _report(
@@ -255,10 +260,10 @@ def _report(
     table: ObservationTable,
     models: tuple[Predictor, ...],
     unseen: frozenset[str],
-    view: ShownView,
+    view: campaign_summary.ShownView,
 ) -> CampaignReport:
-    plan, summary = settings.plan, summarise(table)
-    results = evaluate_models(models, table, unseen)
+    plan, summary = settings.plan, campaign_summary.summarise(table)
+    results = campaign_summary.evaluate_models(models, table, unseen)
     times = summary.exposures_ms
     x, y, z = next(where for _, where in _NEW_POSITION.positions())
     trained = [feature.name for feature in summary.features if feature.name not in unseen]

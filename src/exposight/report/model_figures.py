@@ -1,30 +1,21 @@
 """Figures and tables of trained models: what they predict beside what was measured."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from markupsafe import escape
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 
-from exposight.models import I_AVG_MIN, P_NORM_MIN
+from exposight.models import I_AVG_MIN, P_NORM_MIN, Evaluation
+from exposight.observing import ObservationTable
+from exposight.planning import Forecast
 from exposight.quantities import QUANTITIES, quantity
-from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, ShownView
+from exposight.report import campaign_summary
 from exposight.report.figures import Plot, Still, axis, draw_still, label_panel, layout, plain_axes
 from exposight.report.palette import ACCENT, EXPOSURE_SCALE, INK, MUTED, OUTSIDE, P_NORM_SCALE, rgb
 from exposight.report.part_plot import feature_title
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.figure import Figure
-
-    from exposight.models import Evaluation
-    from exposight.observing import ObservationTable
-    from exposight.planning import Forecast
-    from exposight.report.campaign_summary import CampaignSummary, ModelResult
 
 _BRIGHTNESS_MODEL = "q_k1"
 _GREY_LEVELS = np.linspace(0.0, 255.0, 511)
@@ -36,7 +27,7 @@ _PANELS = 4
 _TICKS_MS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
 
 
-def exposure_still(summary: CampaignSummary) -> Still:
+def exposure_still(summary: campaign_summary.CampaignSummary) -> Still:
     """Draw each feature's p_norm at each exposure time, and above how many reach `P_NORM_MIN`."""
     names = [feature.name for feature in summary.features]
     rows, columns = summary.p_norm.shape
@@ -80,7 +71,7 @@ def exposure_still(summary: CampaignSummary) -> Still:
 
 
 def brightness_still(
-    table: ObservationTable, results: Sequence[ModelResult], unseen: frozenset[str]
+    table: ObservationTable, results: Sequence[campaign_summary.ModelResult], unseen: frozenset[str]
 ) -> Still:
     """Draw p_norm over i_avg: every observation, and what the one-dimensional model learnt."""
     rows = table.measured()
@@ -125,7 +116,7 @@ def brightness_still(
     return draw_still("brightness", "Quality over brightness", (8.2, 4.4), draw)
 
 
-def choice_plot(view: ShownView, unseen: frozenset[str]) -> Plot | None:
+def choice_plot(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Plot | None:
     """Draw forecast quality over exposure time, and what was measured; None without a forecast."""
     if view.forecast is None:
         return None
@@ -172,7 +163,7 @@ def choice_plot(view: ShownView, unseen: frozenset[str]) -> Plot | None:
     return Plot.of("choice", drawing)
 
 
-def forecast_still(view: ShownView, unseen: frozenset[str]) -> Still | None:
+def forecast_still(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Still | None:
     """Draw predicted and measured p_norm of each feature of a view; None without a forecast."""
     if view.forecast is None:
         return None
@@ -236,13 +227,20 @@ def forecast_picture(forecast: Forecast) -> Still:
     return draw_still("forecasts", title, (2.0 * columns + 0.6, 1.5 * rows + 0.6), draw)
 
 
-def prediction_plot(results: Sequence[ModelResult], target: str) -> Plot | None:
+def prediction_plot(results: Sequence[campaign_summary.ModelResult], target: str) -> Plot | None:
     """Draw predicted over observed values, a menu of models; None if none predicts the target."""
     results = [result for result in results if result.model.target == target]
     if not results:
         return None
     names = [result.name for result in results]
-    chosen = next((name for name in (QUALITY_MODEL, EXPOSURE_MODEL) if name in names), names[-1])
+    chosen = next(
+        (
+            name
+            for name in (campaign_summary.QUALITY_MODEL, campaign_summary.EXPOSURE_MODEL)
+            if name in names
+        ),
+        names[-1],
+    )
     shown = quantity(target)
     drawing = go.Figure()
     observed = np.concatenate([result.evaluation.observed for result in results])

@@ -4,16 +4,11 @@ What a feature is for shows without colour, too: marks of features that trained 
 unseen ones open; the mark's shape follows the feature's number.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 INK = "#1d2733"
 MUTED = "#5c6773"

@@ -3,30 +3,23 @@
 All of it is in the sensor's TCP frame, whose axes are the camera's: x right, y down, z away.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
 import trimesh
 from markupsafe import escape
+from numpy.typing import NDArray
 
 from exposight.errors import FormatError, MissingFileError
+from exposight.geometry import RigidTransform
+from exposight.report.campaign_summary import ShownView
 from exposight.report.figures import Plot, coordinates, layout, scene
 from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
 from exposight.report.pictures import brighten
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.geometry import RigidTransform
-    from exposight.report.campaign_summary import ShownView
 
 _GREYS = [[0.0, "#5d646c"], [1.0, "#eceef0"]]
 _CLOUD_GREYS = [[0.0, "rgb(30,33,38)"], [1.0, "rgb(235,235,235)"]]

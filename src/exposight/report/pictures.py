@@ -4,25 +4,18 @@ Grey values are brightened for display, by the square root, because stripes are 
 number on a page is of the unchanged values.
 """
 
-from __future__ import annotations
-
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from exposight.cell import Capture
 from exposight.errors import ImageError
+from exposight.observing import FeatureView
 from exposight.report.palette import CLIPPED, NO_POINT, P_NORM_SCALE, rgb, scale_rgb
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import Capture
-    from exposight.observing import FeatureView
 
 _FULL_SCALE = 255.0
 _TINT_OPACITY = 0.45

@@ -4,16 +4,15 @@ Templates lie in ``templates``. What they are given is computed before: a templa
 and words. Text is escaped unless it is `markupsafe.Markup`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import platform
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -24,9 +23,6 @@ from plotly.offline import get_plotlyjs
 from exposight import __version__
 from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import NO_VALUE, count
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _MODEL_NAME = re.compile(r"([qe])_k(\d)(?:_(plusplus|plus|star|lin))?(_s2)?")

@@ -1,38 +1,25 @@
 """Stills of observations and of statistics of them: Figs. 10, 13, 16, 17 and 20 to 23."""
 
-from __future__ import annotations
-
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 
+from exposight import paper
 from exposight.models import I_AVG_MIN, P_NORM_MIN
 from exposight.quantities import QUANTITIES, quantity
 from exposight.report.figures import Still, draw_still, label_panel, plain_axes
 from exposight.report.palette import ACCENT, INK, MUTED, feature_order, feature_style
 from exposight.report.rendering import rounded
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from exposight.paper import (
-        BrightnessCurves,
-        DependenceMatrix,
-        ExposureRow,
-        LearningCurve,
-        ObservedCurve,
-        TrainingPositions,
-    )
-
 _COLUMNS = 2
 _PALEST = 0.45
 """Opacity of the last of several places of a feature; the first one's is 1."""
 
 
-def brightness_still(name: str, title: str, data: BrightnessCurves) -> Still:
+def brightness_still(name: str, title: str, data: paper.BrightnessCurves) -> Still:
     """Draw p_norm over i_avg, a panel for each feature (Figs. 10 and 16)."""
     names = sorted({curve.feature for curve in data.curves}, key=feature_order)
     rows = -(-len(names) // _COLUMNS)
@@ -49,7 +36,7 @@ def brightness_still(name: str, title: str, data: BrightnessCurves) -> Still:
     return draw_still(name, title, (7.2, 0.5 + 2.3 * rows), draw)
 
 
-def _brightness_panel(axes: Axes, curves: list[ObservedCurve]) -> None:
+def _brightness_panel(axes: Axes, curves: list[paper.ObservedCurve]) -> None:
     style = feature_style(curves[0].feature)
     for curve in curves:
         axes.plot(
@@ -82,7 +69,7 @@ def _brightness_panel(axes: Axes, curves: list[ObservedCurve]) -> None:
     )
 
 
-def exposure_row_still(name: str, title: str, data: ExposureRow) -> Still:
+def exposure_row_still(name: str, title: str, data: paper.ExposureRow) -> Still:
     """Draw t_exp over i_avg at positions along x (Figs. 13 and 17)."""
 
     def draw(figure: Figure) -> None:
@@ -119,7 +106,7 @@ def exposure_row_still(name: str, title: str, data: ExposureRow) -> Still:
     return draw_still(name, title, (7.2, 3.2), draw)
 
 
-def positions_still(name: str, title: str, data: TrainingPositions) -> Still:
+def positions_still(name: str, title: str, data: paper.TrainingPositions) -> Still:
     """Draw where the training features stood, seen along and across the sensor's axis (Fig. 21)."""
     ordered = sorted(data.features, key=lambda feature: feature_order(feature.feature))
 
@@ -156,7 +143,7 @@ DEPENDENCE_SCALE = ("#ffffff", "#cfe3e7", "#7db4bf", "#2f8494", "#0b4957")
 _DARK = 0.55
 
 
-def dependence_still(name: str, title: str, data: DependenceMatrix) -> Still:
+def dependence_still(name: str, title: str, data: paper.DependenceMatrix) -> Still:
     """Draw the matrix of maximal information coefficients with their values (Fig. 20)."""
     names = [quantity(name).math for name in data.columns]
 
@@ -181,7 +168,7 @@ def dependence_still(name: str, title: str, data: DependenceMatrix) -> Still:
     return draw_still(name, title, (6.2, 5.2), draw)
 
 
-def learning_still(name: str, title: str, data: LearningCurve) -> Still:
+def learning_still(name: str, title: str, data: paper.LearningCurve) -> Still:
     """Draw R² and RMSE over the number of training observations (Figs. 22 and 23)."""
     numbers = [step.n_train for step in data.steps]
     shown = QUANTITIES["p_norm" if data.variant.startswith("q") else "exposure_ms"]

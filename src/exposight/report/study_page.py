@@ -1,37 +1,16 @@
 """The paper's study as files: one page, every table as CSV, every figure as PNG and SVG."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from exposight import paper
 from exposight.files import make_folder, write_durably
 from exposight.models import I_AVG_MIN, P_NORM_MIN
-from exposight.paper import (
-    BestAndWorst,
-    BrightnessCurves,
-    CaptureForecast,
-    DependenceMatrix,
-    ExposureRow,
-    FigureData,
-    KernelExamples,
-    LearningCurve,
-    PredictionSurfaces,
-    StudyFigure,
-    TrainingPositions,
-    study_figures,
-    table_files,
-)
 from exposight.report import study_observed, study_predicted
+from exposight.report.figures import Still
 from exposight.report.rendering import render_page
 from exposight.workers import Progress, ignore_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from exposight.paper import StudyResult
-    from exposight.report.figures import Still
 
 _SENSOR_TITLES = {"structured-light": "structured-light sensor", "stereo": "active stereo sensor"}
 _DRAWING, _WRITING = "drawing the figures", "writing the report"
@@ -71,7 +50,7 @@ class DrawnFigure:
     """
 
     number: int
-    data: FigureData
+    data: paper.FigureData
     still: Still
 
     @property
@@ -81,7 +60,7 @@ class DrawnFigure:
 
 
 def write_study(
-    folder: str | Path, result: StudyResult, progress: Progress = ignore_progress
+    folder: str | Path, result: paper.StudyResult, progress: Progress = ignore_progress
 ) -> StudyFiles:
     """Write a study's report, tables and figures; what is there is replaced.
 
@@ -100,10 +79,10 @@ def write_study(
         If a file cannot be written.
     """
     folder = make_folder(Path(folder))
-    figures = study_figures(result, progress)
+    figures = paper.study_figures(result, progress)
     drawn = draw_figures(figures, progress)
     progress(_WRITING, 0, 1)
-    tables = _write_all(folder / "tables", table_files(result))
+    tables = _write_all(folder / "tables", paper.table_files(result))
     pictures = _write_all(
         folder / "figures",
         {
@@ -126,7 +105,7 @@ def _write_all(folder: Path, contents: dict[str, bytes]) -> tuple[Path, ...]:
 
 
 def draw_figures(
-    figures: Sequence[StudyFigure], progress: Progress = ignore_progress
+    figures: Sequence[paper.StudyFigure], progress: Progress = ignore_progress
 ) -> tuple[DrawnFigure, ...]:
     """Draw the figures that have data, in their order."""
     drawn = []
@@ -139,33 +118,33 @@ def draw_figures(
     return tuple(drawn)
 
 
-def _draw(name: str, data: FigureData) -> Still:
+def _draw(name: str, data: paper.FigureData) -> Still:
     match data:
-        case KernelExamples():
+        case paper.KernelExamples():
             return study_predicted.kernel_still(name, "What the choice of a kernel does", data)
-        case BrightnessCurves():
+        case paper.BrightnessCurves():
             title = f"Quality over brightness, {_SENSOR_TITLES[data.sensor]}"
             return study_observed.brightness_still(name, title, data)
-        case BestAndWorst():
+        case paper.BestAndWorst():
             title = f"Best and worst predictions of the {_target(data.target)}"
             return study_predicted.best_and_worst_still(name, title, data)
-        case PredictionSurfaces():
+        case paper.PredictionSurfaces():
             title = f"Predicted {_target(data.target)} over the sensor’s field"
             return study_predicted.surfaces_still(
                 name, f"{title}, {_SENSOR_TITLES[data.sensor]}", data
             )
-        case ExposureRow():
+        case paper.ExposureRow():
             title = f"Exposure time over brightness, {_SENSOR_TITLES[data.sensor]}"
             return study_observed.exposure_row_still(name, title, data)
-        case CaptureForecast():
+        case paper.CaptureForecast():
             return study_predicted.forecast_still(name, "One capture: truth and predictions", data)
-        case DependenceMatrix():
+        case paper.DependenceMatrix():
             title = "How strongly the variables depend on each other"
             return study_observed.dependence_still(name, title, data)
-        case TrainingPositions():
+        case paper.TrainingPositions():
             title = "Where the training features stood to the sensor"
             return study_observed.positions_still(name, title, data)
-        case LearningCurve():
+        case paper.LearningCurve():
             target = _target("p_norm" if data.variant.startswith("q") else "exposure_ms")
             title = f"Scores of a model of the {target} over the number of training observations"
             return study_observed.learning_still(name, title, data)
@@ -176,7 +155,9 @@ def _target(column: str) -> str:
 
 
 def study_page(
-    result: StudyResult, drawn: Sequence[DrawnFigure], figures: Sequence[StudyFigure] = ()
+    result: paper.StudyResult,
+    drawn: Sequence[DrawnFigure],
+    figures: Sequence[paper.StudyFigure] = (),
 ) -> str:
     """Return the study's report as one self-contained HTML page; the same study, same page.
 
@@ -212,7 +193,7 @@ def study_page(
     )
 
 
-def _facts(result: StudyResult) -> list[tuple[str, str]]:
+def _facts(result: paper.StudyResult) -> list[tuple[str, str]]:
     settings = result.settings
     origin = "simulated"
     if settings.campaigns is not None:
@@ -226,7 +207,7 @@ def _facts(result: StudyResult) -> list[tuple[str, str]]:
     ]
 
 
-def _command(result: StudyResult) -> str:
+def _command(result: paper.StudyResult) -> str:
     settings = result.settings
     words = ["exposight reproduce -o FOLDER"]
     if len(settings.sensors) == 1:

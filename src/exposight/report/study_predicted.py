@@ -1,49 +1,27 @@
 """Stills of predictions: Figs. 5, 11, 12, 14, 15 and 24 to 26."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
+from exposight import paper
 from exposight.models import P_NORM_MIN
 from exposight.quantities import QUANTITIES
+from exposight.report import palette
 from exposight.report.figures import Still, draw_still, label_panel, plain_axes
-from exposight.report.palette import (
-    ACCENT,
-    EXPOSURE_SCALE,
-    INK,
-    MUTED,
-    OUTSIDE,
-    P_NORM_SCALE,
-    SPREAD_SCALE,
-    feature_order,
-    feature_style,
-)
 from exposight.report.rendering import rounded
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from exposight.paper import (
-        BestAndWorst,
-        CaptureForecast,
-        FeatureForecast,
-        KernelExamples,
-        PredictedCurve,
-        PredictionSurfaces,
-    )
-
-_BAND: Final[dict[str, Any]] = {"color": ACCENT, "alpha": 0.18, "linewidth": 0}
+_BAND: Final[dict[str, Any]] = {"color": palette.ACCENT, "alpha": 0.18, "linewidth": 0}
 
 
-def kernel_still(name: str, title: str, data: KernelExamples) -> Still:
+def kernel_still(name: str, title: str, data: paper.KernelExamples) -> Still:
     """Draw the regression of a known function with two kernels (Fig. 5)."""
 
     def draw(figure: Figure) -> None:
@@ -51,10 +29,12 @@ def kernel_still(name: str, title: str, data: KernelExamples) -> Still:
         for axes, example in zip(panels, data.examples, strict=True):
             x, mean, std = example.x, example.mean, example.std
             axes.fill_between(x, mean - 2 * std, mean + 2 * std, label="±2σ", **_BAND)
-            axes.plot(x, example.truth, color=INK, linestyle="--", label="truth, x·sin(2πx)")
-            axes.plot(x, mean, color=ACCENT, label="mean")
+            axes.plot(
+                x, example.truth, color=palette.INK, linestyle="--", label="truth, x·sin(2πx)"
+            )
+            axes.plot(x, mean, color=palette.ACCENT, label="mean")
             observed = example.x_train, example.y_train
-            axes.plot(*observed, "o", color=INK, markersize=4, label="observed")
+            axes.plot(*observed, "o", color=palette.INK, markersize=4, label="observed")
             plain_axes(axes, "x (1)", "f(x) (1)")
             label_panel(axes, example.kernel)
             axes.label_outer()
@@ -63,7 +43,7 @@ def kernel_still(name: str, title: str, data: KernelExamples) -> Still:
     return draw_still(name, title, (7.2, 3.0), draw)
 
 
-def best_and_worst_still(name: str, title: str, data: BestAndWorst) -> Still:
+def best_and_worst_still(name: str, title: str, data: paper.BestAndWorst) -> Still:
     """Draw the curves that were predicted best, above those predicted worst (Figs. 11 and 14)."""
     columns = max(len(data.best), len(data.worst), 1)
 
@@ -89,12 +69,12 @@ def best_and_worst_still(name: str, title: str, data: BestAndWorst) -> Still:
     return draw_still(name, title, (7.6, 5.0), draw)
 
 
-def _curve_panel(axes: Axes, data: BestAndWorst, curve: PredictedCurve) -> None:
+def _curve_panel(axes: Axes, data: paper.BestAndWorst, curve: paper.PredictedCurve) -> None:
     observed, quality = curve.observed, data.target == "p_norm"
-    style = feature_style(observed.feature)
+    style = palette.feature_style(observed.feature)
     low, high = curve.mean - 2 * curve.std, curve.mean + 2 * curve.std
     axes.fill_between(curve.i_avg, low, high, label="±2σ", **_BAND)
-    axes.plot(curve.i_avg, curve.mean, color=ACCENT, label=f"{data.variant}, mean")
+    axes.plot(curve.i_avg, curve.mean, color=palette.ACCENT, label=f"{data.variant}, mean")
     axes.plot(
         observed.i_avg,
         observed.p_norm if quality else observed.exposure_ms,
@@ -124,13 +104,15 @@ def _curve_panel(axes: Axes, data: BestAndWorst, curve: PredictedCurve) -> None:
         transform=axes.transAxes,
         va="top",
         fontsize=7.5,
-        color=MUTED,
+        color=palette.MUTED,
     )
 
 
-def forecast_still(name: str, title: str, data: CaptureForecast) -> Still:
+def forecast_still(name: str, title: str, data: paper.CaptureForecast) -> Still:
     """Draw one capture's unseen features: where they are, both predictions, the truth (Fig. 15)."""
-    features = sorted(data.features, key=lambda row: feature_order(row.feature), reverse=True)
+    features = sorted(
+        data.features, key=lambda row: palette.feature_order(row.feature), reverse=True
+    )
 
     def draw(figure: Figure) -> None:
         place, time, quality = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
@@ -143,12 +125,12 @@ def forecast_still(name: str, title: str, data: CaptureForecast) -> Still:
         label_panel(place, f"view {data.view}")
         rows = np.arange(len(features))
         _bars(time, features, [(row.exposure_mean_ms, row.exposure_std_ms) for row in features])
-        time.axvline(data.exposure_ms, color=INK, linestyle="--", linewidth=1.0)
+        time.axvline(data.exposure_ms, color=palette.INK, linestyle="--", linewidth=1.0)
         plain_axes(time, QUANTITIES["exposure_ms"].axis_math, "")
         label_panel(time, f"dashed: true, {data.exposure_ms:g} ms")
         _bars(quality, features, [(row.p_norm_mean, row.p_norm_std) for row in features])
         for row, feature in zip(rows, features, strict=True):
-            style = feature_style(feature.feature)
+            style = palette.feature_style(feature.feature)
             quality.plot(
                 feature.p_norm, row, style.mark, color=style.colour, markersize=6, zorder=4,
                 markerfacecolor="white", markeredgewidth=1.5,
@@ -163,13 +145,13 @@ def forecast_still(name: str, title: str, data: CaptureForecast) -> Still:
     return draw_still(name, title, (8.4, 2.9), draw)
 
 
-def _row_name(feature: FeatureForecast) -> str:
+def _row_name(feature: paper.FeatureForecast) -> str:
     note = "" if feature.p_norm >= P_NORM_MIN else f"\n{QUANTITIES['p_norm'].math} < {P_NORM_MIN:g}"
     return f"{feature.feature}\n{QUANTITIES['i_avg'].math} {feature.i_avg:.0f}{note}"
 
 
-def _place(axes: Axes, feature: FeatureForecast) -> None:
-    style = feature_style(feature.feature)
+def _place(axes: Axes, feature: paper.FeatureForecast) -> None:
+    style = palette.feature_style(feature.feature)
     ring = Circle(
         (feature.x_mm, feature.y_mm),
         feature.radius_mm,
@@ -191,14 +173,16 @@ def _place(axes: Axes, feature: FeatureForecast) -> None:
     )
 
 
-def _bars(axes: Axes, features: list[FeatureForecast], values: list[tuple[float, float]]) -> None:
+def _bars(
+    axes: Axes, features: list[paper.FeatureForecast], values: list[tuple[float, float]]
+) -> None:
     for row, (feature, (mean, std)) in enumerate(zip(features, values, strict=True)):
         axes.errorbar(
             mean,
             row,
             xerr=2 * std,
             fmt="|",
-            color=ACCENT if feature.inside else OUTSIDE,
+            color=palette.ACCENT if feature.inside else palette.OUTSIDE,
             markersize=11,
             markeredgewidth=2.2,
             elinewidth=1.4,
@@ -209,7 +193,7 @@ def _bars(axes: Axes, features: list[FeatureForecast], values: list[tuple[float,
 _CONTOURS = 5
 
 
-def surfaces_still(name: str, title: str, data: PredictionSurfaces) -> Still:
+def surfaces_still(name: str, title: str, data: paper.PredictionSurfaces) -> Still:
     """Draw the mean at the left, twice the standard deviation at the right."""
 
     def draw(figure: Figure) -> None:
@@ -224,12 +208,18 @@ def surfaces_still(name: str, title: str, data: PredictionSurfaces) -> Still:
 
 
 def _block(
-    figure: Figure, data: PredictionSurfaces, values: NDArray[np.float64], *, is_spread: bool
+    figure: Figure, data: paper.PredictionSurfaces, values: NDArray[np.float64], *, is_spread: bool
 ) -> None:
     quality = data.target == "p_norm"
     shown = "2σ of a new observation’s" if is_spread else "mean"
     figure.suptitle(f"{shown} {QUANTITIES[data.target].axis_math}")
-    scale = SPREAD_SCALE if is_spread else P_NORM_SCALE if quality else EXPOSURE_SCALE
+    scale = (
+        palette.SPREAD_SCALE
+        if is_spread
+        else palette.P_NORM_SCALE
+        if quality
+        else palette.EXPOSURE_SCALE
+    )
     colours = LinearSegmentedColormap.from_list("scale", scale)
     panels = figure.subplots(len(data.i_avg), len(data.z_mm), sharex=True, sharey=True)
     # y points down in the camera's frame, as rows do in an image
@@ -261,7 +251,7 @@ def _block(
 
 
 def _limits(
-    data: PredictionSurfaces, values: NDArray[np.float64], row: int, *, is_spread: bool
+    data: paper.PredictionSurfaces, values: NDArray[np.float64], row: int, *, is_spread: bool
 ) -> tuple[float, float]:
     """Return a row's range of colours: 0–1 for p_norm; all depths of a brightness share one."""
     if is_spread:
@@ -274,7 +264,7 @@ def _limits(
 
 def _contours(
     axes: Axes,
-    data: PredictionSurfaces,
+    data: paper.PredictionSurfaces,
     values: NDArray[np.float64],
     limits: tuple[float, float],
     *,
@@ -286,7 +276,9 @@ def _contours(
     levels = levels[(levels > values.min()) & (levels < values.max())]
     if not len(levels):
         return
-    lines = axes.contour(data.x_mm, data.y_mm, values, levels=levels, colors=INK, linewidths=0.6)
+    lines = axes.contour(
+        data.x_mm, data.y_mm, values, levels=levels, colors=palette.INK, linewidths=0.6
+    )
     digits = 2 if limits[1] < 2 else 1 if limits[1] < 20 else 0
     for text in axes.clabel(lines, fontsize=6, fmt=f"%.{digits}f"):
         text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])

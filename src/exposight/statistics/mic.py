@@ -17,8 +17,6 @@ since rows of equal counts are filled from the low end. Exchanging x and y chang
 first estimator, and in the second only which axis of a square grid is optimised: there it is y.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args

@@ -7,28 +7,19 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from exposight import imaging
 from exposight.errors import InputError
 from exposight.files import validate
 from exposight.geometry import RigidTransform
-from exposight.imaging import (
-    PatternSequence,
-    sequence_named_or_read,
-    sequence_to_toml,
-)
-from exposight.plans import view_seed
+from exposight.plans import MeasuringPlan, view_seed
 from exposight.twin.light import Lighting
 from exposight.twin.part import Finish
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.plans import MeasuringPlan
-
 
 AlignedBy = Literal["photogrammetry", "kinematics"]
 
@@ -186,7 +177,7 @@ class SimulatedCellSettings:
     alignment: AlignmentErrors = field(default_factory=AlignmentErrors)
     kinematic_share: Mapping[str, float] = field(default_factory=dict, hash=False)
     finish: Finish | None = None
-    sequence: PatternSequence | None = None
+    sequence: imaging.PatternSequence | None = None
     fringes: tuple[float, ...] = ()
     electrons_per_ms: float | None = None
     scene: Path | None = None
@@ -240,7 +231,9 @@ class SimulatedCellSettings:
         if settings.scene is not None:
             settings = replace(settings, scene=folder / str(table["scene"]))
         if name is not None:
-            sequence = sequence_named_or_read(folder / name if name.endswith(".toml") else name)
+            sequence = imaging.sequence_named_or_read(
+                folder / name if name.endswith(".toml") else name
+            )
             settings = replace(settings, sequence=sequence)
         return settings
 
@@ -253,7 +246,7 @@ class SimulatedCellSettings:
         if self.fringes:
             table["fringes"] = list(self.fringes)
         if self.sequence is not None:
-            table["sequence"] = tomllib.loads(sequence_to_toml(self.sequence))
+            table["sequence"] = tomllib.loads(imaging.sequence_to_toml(self.sequence))
         if self.scene is not None:
             table["scene"] = str(self.scene)
         return table

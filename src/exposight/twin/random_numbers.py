@@ -6,8 +6,6 @@ function is the finaliser of SplitMix64 (Steele, Lea & Flood, *Fast splittable p
 generators*, OOPSLA 2014, constants of variant 13 by Stafford).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri

@@ -8,39 +8,22 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from exposight.cell import Capture, Part, sensor_preset
+from exposight.cell import ActiveSensor, Capture, Part, sensor_preset
 from exposight.errors import InputError
-from exposight.plans import view_seed
-from exposight.twin.cell_settings import SimulatedCellSettings, draw_alignment
+from exposight.geometry import RigidTransform
+from exposight.plans import MeasuringPlan, PlannedView, view_seed
+from exposight.twin import sensors
+from exposight.twin.cell_settings import Alignment, SimulatedCellSettings, draw_alignment
 from exposight.twin.light import LightModel, SceneTracer, projector_of
-from exposight.twin.part import FINISHES, door, read_scene
-from exposight.twin.sensors import (
-    DOT_ELECTRONICS,
-    DOT_LIGHT,
-    MATCHED_MM,
-    CameraElectronics,
-    DotSensor,
-    StripeSensor,
-    fringe_sequence,
-    ring_boxes,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-    from pathlib import Path
-
-    from exposight.cell import ActiveSensor
-    from exposight.geometry import RigidTransform
-    from exposight.plans import MeasuringPlan, PlannedView
-    from exposight.twin.cell_settings import Alignment
-    from exposight.twin.part import Finish, Scene
-
+from exposight.twin.part import FINISHES, Finish, Scene, door, read_scene
 
 _COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
 
@@ -94,8 +77,10 @@ class SimulatedCell:
         self._planned = {view.name: view.tcp_from_part for view in planned}
         self._traced: tuple[object, Callable[..., Capture]] | None = None
         model = self._model
-        if self.settings.rings_only and (isinstance(model, DotSensor) or model.needs_whole_frames):
-            method = "matches" if isinstance(model, DotSensor) else "decodes Gray code in"
+        if self.settings.rings_only and (
+            isinstance(model, sensors.DotSensor) or model.needs_whole_frames
+        ):
+            method = "matches" if isinstance(model, sensors.DotSensor) else "decodes Gray code in"
             msg = (
                 f"sensor {sensor.name!r} {method} whole images, so it cannot take rings only; take "
                 "whole frames"
@@ -147,7 +132,7 @@ class SimulatedCell:
     def campaign_files(self) -> Mapping[str, bytes]:
         """Return what the raw frames of structured light mean, as files by name."""
         model = self._model
-        if self.settings.raw_frames and isinstance(model, StripeSensor):
+        if self.settings.raw_frames and isinstance(model, sensors.StripeSensor):
             return model.meaning_of_frames()
         return {}
 
@@ -221,18 +206,18 @@ class SimulatedCell:
         """Trace a view; what is returned takes its captures."""
         model = self._model
         tracer = _tracer(self.settings.scene, self.settings.finish)
-        if isinstance(model, DotSensor):
+        if isinstance(model, sensors.DotSensor):
             return partial(model.capture, model.look(tracer, true))
         boxes = None
         if self.settings.rings_only:
             part = self.part
             if self._features is not None:
                 part = replace(part, features=tuple(map(part.feature, self._features)))
-            boxes = ring_boxes(part, self.sensor, reported)
+            boxes = sensors.ring_boxes(part, self.sensor, reported)
         return partial(model.capture, model.look(tracer, true, boxes))
 
     @property
-    def _model(self) -> StripeSensor | DotSensor:
+    def _model(self) -> sensors.StripeSensor | sensors.DotSensor:
         return _sensor_model(self.sensor, self.settings)
 
     def __getstate__(self) -> dict[str, object]:
@@ -287,13 +272,13 @@ def scene_checksum(scene: Scene) -> str:
 @lru_cache(maxsize=4)
 def _sensor_model(
     sensor: ActiveSensor, settings: SimulatedCellSettings
-) -> StripeSensor | DotSensor:
+) -> sensors.StripeSensor | sensors.DotSensor:
     """Return a sensor with the light, the cameras and the decoding of its kind."""
     projector, stereo = projector_of(sensor), len(sensor.cameras) > 1
-    electronics = DOT_ELECTRONICS if stereo else CameraElectronics()
+    electronics = sensors.DOT_ELECTRONICS if stereo else sensors.CameraElectronics()
     if settings.electrons_per_ms is not None:
         electronics = replace(electronics, electrons_per_ms=settings.electrons_per_ms)
-    kind, light = (_VISARD, DOT_LIGHT) if stereo else (_COMET, LightModel())
+    kind, light = (_VISARD, sensors.DOT_LIGHT) if stereo else (_COMET, LightModel())
     # The blur is that of the same pupil: in px it grows with the focal length.
     longer = projector.camera.fx / projector_of(kind).camera.fx
     lens = light.projector
@@ -307,12 +292,16 @@ def _sensor_model(
         raise InputError(msg)
     if stereo:
         pairs = [(each.cameras, each.first_from_camera) for each in (sensor, kind)]
-        depths_mm = MATCHED_MM if pairs[0] == pairs[1] else sensor.working_distance_mm
-        return DotSensor(
+        depths_mm = sensors.MATCHED_MM if pairs[0] == pairs[1] else sensor.working_distance_mm
+        return sensors.DotSensor(
             sensor=sensor, light=light, electronics=electronics, depth_limits_mm=depths_mm
         )
-    sequence = settings.sequence or fringe_sequence(settings.fringes or (1, 8, 64), projector)
-    return StripeSensor(sensor=sensor, light=light, electronics=electronics, sequence=sequence)
+    sequence = settings.sequence or sensors.fringe_sequence(
+        settings.fringes or (1, 8, 64), projector
+    )
+    return sensors.StripeSensor(
+        sensor=sensor, light=light, electronics=electronics, sequence=sequence
+    )
 
 
 def _alike(one: RigidTransform, other: RigidTransform) -> bool:

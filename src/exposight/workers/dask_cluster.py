@@ -1,15 +1,15 @@
 """Run tasks in parallel on the workers of a Dask scheduler (extra ``cluster``)."""
 
-from __future__ import annotations
-
 import logging
 import pickle
 import threading
 import uuid
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from types import ModuleType
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import numba
@@ -17,11 +17,6 @@ import numba
 from exposight import __version__
 from exposight.errors import InputError, NumericalError
 from exposight.workers.local_processes import LocalProcesses, Workers
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
-    from types import ModuleType
-
 
 _WAKE_S = 2.0
 """Interval at which to check that workers are left."""

@@ -9,22 +9,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from exposight.errors import InputError
+from exposight.gp import observations
+from exposight.gp.kernels import stationary
 from exposight.gp.kernels.base import Kernel, Leaf, Parameter, Product, Quantity, Sum
 from exposight.gp.kernels.loops import close_outside
-from exposight.gp.kernels.stationary import (
-    Exponential,
-    Matern32,
-    Matern52,
-    RationalQuadratic,
-    SquaredExponential,
-)
-from exposight.gp.observations import (
-    BoolArray,
-    FloatArray,
-    check_dims,
-    check_fixed,
-    check_positive,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +42,8 @@ class Linear(Leaf):
     type_name: ClassVar[str] = "linear"
 
     def __post_init__(self) -> None:
-        dims = check_dims(self.dims, kernel="Linear")
-        variances = check_positive(self.variances, name="Linear.variances")
+        dims = observations.check_dims(self.dims, kernel="Linear")
+        variances = observations.check_positive(self.variances, name="Linear.variances")
         if len(variances) != len(dims):
             msg = (
                 f"Linear over {len(dims)} dimensions takes as many variances, got {len(variances)}"
@@ -64,7 +52,9 @@ class Linear(Leaf):
         object.__setattr__(self, "dims", dims)
         object.__setattr__(self, "variances", variances)
         object.__setattr__(
-            self, "fixed", check_fixed(self.fixed, allowed=("variances",), kernel="Linear")
+            self,
+            "fixed",
+            observations.check_fixed(self.fixed, allowed=("variances",), kernel="Linear"),
         )
 
     @property
@@ -98,19 +88,26 @@ class Linear(Leaf):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variances=values)
 
-    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+    def fill(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
         """See `Kernel.fill`."""
         np.matmul(x[:, self.dims] * np.array(self.variances), y[:, self.dims].T, out=out)
 
-    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+    def weigh(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
         """See `Kernel.weigh`."""
         products = np.sum(x[:, self.dims] * (weights @ y[:, self.dims]), axis=0)
-        out: FloatArray = (products * np.array(self.variances))[self._free]
+        out: observations.FloatArray = (products * np.array(self.variances))[self._free]
         return out
 
-    def prior_variance(self, x: FloatArray) -> FloatArray:
+    def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
         """See `Kernel.prior_variance`."""
-        out: FloatArray = x[:, self.dims] ** 2 @ np.array(self.variances)
+        out: observations.FloatArray = x[:, self.dims] ** 2 @ np.array(self.variances)
         return out
 
 
@@ -140,7 +137,7 @@ class ChangePoint(Leaf):
     type_name: ClassVar[str] = "change_point"
 
     def __post_init__(self) -> None:
-        (dim,) = check_dims((self.dim,), kernel="ChangePoint")
+        (dim,) = observations.check_dims((self.dim,), kernel="ChangePoint")
         object.__setattr__(self, "dim", dim)
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
         if not limits or not all(math.isfinite(limit) for limit in limits):
@@ -178,27 +175,36 @@ class ChangePoint(Leaf):
         low = -math.inf if self.minimum is None else self.minimum
         return low, math.inf if self.maximum is None else self.maximum
 
-    def closed(self, x: FloatArray) -> BoolArray:
+    def closed(self, x: observations.FloatArray) -> observations.BoolArray:
         """See `Kernel.gate`."""
         low, high = self._limits
-        out: BoolArray = (x[:, self.dim] < low) | (x[:, self.dim] > high)
+        out: observations.BoolArray = (x[:, self.dim] < low) | (x[:, self.dim] > high)
         return out
 
-    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+    def fill(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
         """See `Kernel.fill`."""
         out[:] = 1.0
         self.multiply(x, y, out)
 
-    def multiply(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+    def multiply(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
         """See `Kernel.multiply`."""
         close_outside(x, y, self.dim, *self._limits, out)
 
-    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+    def weigh(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
         """See `Kernel.weigh`: there is nothing to differentiate."""
         del x, y, weights
         return np.empty(0)
 
-    def prior_variance(self, x: FloatArray) -> FloatArray:
+    def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
         """See `Kernel.prior_variance`."""
         return (~self.closed(x)).astype(np.float64)
 
@@ -207,13 +213,13 @@ _KINDS: dict[str, type[Kernel]] = {
     kind.type_name: kind
     for kind in (
         ChangePoint,
-        Exponential,
+        stationary.Exponential,
         Linear,
-        Matern32,
-        Matern52,
+        stationary.Matern32,
+        stationary.Matern52,
         Product,
-        RationalQuadratic,
-        SquaredExponential,
+        stationary.RationalQuadratic,
+        stationary.SquaredExponential,
         Sum,
     )
 }

@@ -9,16 +9,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from exposight.errors import InputError
+from exposight.gp import observations
 from exposight.gp.kernels import loops
 from exposight.gp.kernels.base import Leaf, Parameter, Quantity
 from exposight.gp.kernels.loops import squared_distances, weighted_square_differences
-from exposight.gp.observations import (
-    FloatArray,
-    IntArray,
-    check_dims,
-    check_fixed,
-    check_positive,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,30 +45,32 @@ class Stationary(Leaf):
 
     def __post_init__(self) -> None:
         name = type(self).__name__
-        dims = check_dims(self.dims, kernel=name)
-        scales = check_positive(self.length_scales, name=f"{name}.length_scales")
+        dims = observations.check_dims(self.dims, kernel=name)
+        scales = observations.check_positive(self.length_scales, name=f"{name}.length_scales")
         if len(scales) not in (1, len(dims)):
             msg = (
                 f"{name} over {len(dims)} dimensions takes 1 length scale or {len(dims)}, "
                 f"got {len(scales)}"
             )
             raise InputError(msg)
-        (variance,) = check_positive((self.variance,), name=f"{name}.variance")
+        (variance,) = observations.check_positive((self.variance,), name=f"{name}.variance")
         object.__setattr__(self, "dims", dims)
         object.__setattr__(self, "length_scales", scales)
         object.__setattr__(self, "variance", variance)
         object.__setattr__(
-            self, "fixed", check_fixed(self.fixed, allowed=self._fields(), kernel=name)
+            self, "fixed", observations.check_fixed(self.fixed, allowed=self._fields(), kernel=name)
         )
 
     # -- the shape of the kernel as a function of r² ----------------------------------------
 
     @abstractmethod
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         """Turn a tile of squared scaled distances into covariances, in place."""
 
     @abstractmethod
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         """Turn a tile of squared scaled distances into weight times −2 dk/dr², in place.
 
         That is what (x_d − x'_d)²/l_d² has to be weighed by for the derivative with respect to
@@ -135,12 +131,19 @@ class Stationary(Leaf):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variance=values[0], length_scales=values[1:])
 
-    def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
+    def fill(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
         """See `Kernel.fill`."""
         squared_distances(x, y, self._columns, self._rates, out)
         self._correlate(out)
 
-    def weigh(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+    def weigh(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
         """See `Kernel.weigh`."""
         r2 = np.empty_like(weights)
         squared_distances(x, y, self._columns, self._rates, r2)
@@ -148,19 +151,19 @@ class Stationary(Leaf):
         scales = weighted_square_differences(x, y, self._columns, self._rates, r2)
         if len(self.length_scales) == 1:
             scales = scales.sum(keepdims=True)
-        out: FloatArray = np.array([variance, *scales, *further])[self._free]
+        out: observations.FloatArray = np.array([variance, *scales, *further])[self._free]
         return out
 
-    def prior_variance(self, x: FloatArray) -> FloatArray:
+    def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
         """See `Kernel.prior_variance`."""
         return np.full(len(x), self.variance)
 
     @cached_property
-    def _columns(self) -> IntArray:
+    def _columns(self) -> observations.IntArray:
         return np.array(self.dims, dtype=np.int64)
 
     @cached_property
-    def _rates(self) -> FloatArray:
+    def _rates(self) -> observations.FloatArray:
         """One over the length scale of each column."""
         return np.full(len(self.dims), 1.0 / np.array(self.length_scales))
 
@@ -175,10 +178,12 @@ class SquaredExponential(Stationary):
 
     type_name: ClassVar[str] = "squared_exponential"
 
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         loops.correlate_squared_exponential(r2, self.variance)
 
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         return (loops.derive_squared_exponential(r2, weights, self.variance),)
 
 
@@ -193,10 +198,12 @@ class Exponential(Stationary):
 
     type_name: ClassVar[str] = "exponential"
 
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         loops.correlate_exponential(r2, self.variance)
 
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         return (loops.derive_exponential(r2, weights, self.variance),)
 
 
@@ -206,10 +213,12 @@ class Matern32(Stationary):
 
     type_name: ClassVar[str] = "matern32"
 
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         loops.correlate_matern32(r2, self.variance)
 
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         return (loops.derive_matern32(r2, weights, self.variance),)
 
 
@@ -219,10 +228,12 @@ class Matern52(Stationary):
 
     type_name: ClassVar[str] = "matern52"
 
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         loops.correlate_matern52(r2, self.variance)
 
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         return (loops.derive_matern52(r2, weights, self.variance),)
 
 
@@ -250,7 +261,7 @@ class RationalQuadratic(Stationary):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        (alpha,) = check_positive((self.alpha,), name="RationalQuadratic.alpha")
+        (alpha,) = observations.check_positive((self.alpha,), name="RationalQuadratic.alpha")
         object.__setattr__(self, "alpha", alpha)
 
     @classmethod
@@ -278,10 +289,12 @@ class RationalQuadratic(Stationary):
     def _with_values(self, values: tuple[float, ...]) -> Self:
         return replace(self, variance=values[0], length_scales=values[1:-1], alpha=values[-1])
 
-    def _correlate(self, r2: FloatArray) -> None:
+    def _correlate(self, r2: observations.FloatArray) -> None:
         loops.correlate_rational_quadratic(r2, self.variance, self.alpha)
 
-    def _derive(self, r2: FloatArray, weights: FloatArray) -> tuple[float, ...]:
+    def _derive(
+        self, r2: observations.FloatArray, weights: observations.FloatArray
+    ) -> tuple[float, ...]:
         variance, alpha = loops.derive_rational_quadratic(r2, weights, self.variance, self.alpha)
         return variance, alpha
 
@@ -299,5 +312,5 @@ def gpy_length_scale(length_scale: float, *, alpha: float) -> float:
     alpha : float
         alpha of Eq. 23, ``power`` in GPy.
     """
-    check_positive((length_scale, alpha), name="length_scale and alpha")
+    observations.check_positive((length_scale, alpha), name="length_scale and alpha")
     return length_scale * math.sqrt(alpha)

@@ -10,29 +10,20 @@ The directions are a fixed set, turned by a hash of the pixel: the same on every
 part of the image is traced.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.compiled import njit
 from exposight.geometry import PixelBox
-from exposight.twin.light.shading import NUDGE_MM, light_along_rays
+from exposight.twin.light.optics import SceneTracer
+from exposight.twin.light.shading import NUDGE_MM, Lamp, LitHits, light_along_rays
+from exposight.twin.part import Finish, Surface
 from exposight.twin.part.surfaces import reflectance, row, surface_table, tangents, unit
 from exposight.twin.random_numbers import mix_bits, stream_key
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from numpy.typing import NDArray
-
-    from exposight.twin.light.optics import SceneTracer
-    from exposight.twin.light.shading import Lamp, LitHits
-    from exposight.twin.part import Finish, Surface
-
 
 GRID_PX = 4
 """Every how many pixels indirect light is traced: it changes slowly."""

@@ -4,26 +4,20 @@ Rays are traced by Embree. `embreex` is called directly: it answers with distanc
 in the triangle at once, five times quicker than through trimesh.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
 
+from exposight.cell import ActiveSensor, Projector
 from exposight.errors import SensorError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor, Projector
-    from exposight.twin.part import Scene
-
+from exposight.twin.part import Scene
 
 Lighting = Literal["I", "II", "III"]
 """Scenarios of Sect. 4.1 of the paper: I closed cell, II its LED on, III cell open to the hall."""

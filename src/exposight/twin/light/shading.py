@@ -10,19 +10,21 @@ to the eye. What the pattern adds follows from the projector coordinates (u, v) 
 from the pattern's blur there; both are kept.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from exposight.cell import ActiveSensor
 from exposight.compiled import njit
 from exposight.errors import SensorError
+from exposight.geometry import RigidTransform
 from exposight.geometry.cameras import distort_point
-from exposight.twin.light.optics import MISS_MM, projector_of
+from exposight.twin.light.optics import MISS_MM, ProjectorLens, SceneTracer, projector_of
+from exposight.twin.part import Finish, Surface
 from exposight.twin.part.surfaces import (
     GRAIN_RMS,
     Vector,
@@ -34,17 +36,6 @@ from exposight.twin.part.surfaces import (
     tangents,
     unit,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor
-    from exposight.geometry import RigidTransform
-    from exposight.twin.light.optics import ProjectorLens, SceneTracer
-    from exposight.twin.part import Finish, Surface
-
 
 NUDGE_MM = 0.02
 """How far a shadow ray starts off the surface: a hundred times Embree's rounding."""

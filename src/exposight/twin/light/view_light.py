@@ -5,30 +5,19 @@ and every pattern at every exposure time follows by arithmetic (`exposight.twin.
 A view is traced as a whole, or in boxes round the features only; a pixel's light is the same.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from exposight.cell import ActiveSensor
 from exposight.errors import InputError
-from exposight.geometry import PixelBox
+from exposight.geometry import PinholeCamera, PixelBox, RigidTransform
+from exposight.twin.light import optics
 from exposight.twin.light.indirect import bounce
-from exposight.twin.light.optics import AMBIENT_SHARE, CameraLens, Lighting, ProjectorLens
-from exposight.twin.light.shading import lamp_of, light_along_rays
+from exposight.twin.light.shading import Lamp, lamp_of, light_along_rays
 from exposight.twin.part import SURFACES, Finish, Surface
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor
-    from exposight.geometry import PinholeCamera, RigidTransform
-    from exposight.twin.light.optics import SceneTracer
-    from exposight.twin.light.shading import Lamp
-
 
 HALO_PX = 2
 """Pixels traced beyond a box on every side, from which the lens spreads light into it."""
@@ -54,9 +43,9 @@ class LightModel:
         Whether light takes the way by a second surface.
     """
 
-    projector: ProjectorLens = field(default_factory=ProjectorLens)
-    camera: CameraLens = field(default_factory=CameraLens)
-    lighting: Lighting = "I"
+    projector: optics.ProjectorLens = field(default_factory=optics.ProjectorLens)
+    camera: optics.CameraLens = field(default_factory=optics.CameraLens)
+    lighting: optics.Lighting = "I"
     surfaces: Mapping[Finish, Surface] = field(default_factory=lambda: SURFACES)
     indirect: bool = True
 
@@ -162,7 +151,7 @@ def _overlap(a: PixelBox, b: PixelBox) -> bool:
 
 
 def trace_view(
-    tracer: SceneTracer,
+    tracer: optics.SceneTracer,
     sensor: ActiveSensor,
     camera_from_part: RigidTransform,
     *,
@@ -201,7 +190,7 @@ def trace_view(
     )
     eye.check_sees(tracer)
     lamp = lamp_of(sensor, camera_from_part, model.projector)
-    ambient = AMBIENT_SHARE[model.lighting] * lamp.irradiance_at_tcp
+    ambient = optics.AMBIENT_SHARE[model.lighting] * lamp.irradiance_at_tcp
     frame = whole_frame(eye.camera)
     wanted = [frame] if boxes is None else disjoint_boxes([_cut(box, frame) for box in boxes])
     tiles = tuple(_trace_tile(tracer, eye, lamp, model, box, ambient) for box in wanted)
@@ -242,7 +231,7 @@ class _Eye:
         origins[:] = self._part_from_camera.translation_mm
         return origins, directions
 
-    def check_sees(self, tracer: SceneTracer) -> None:
+    def check_sees(self, tracer: optics.SceneTracer) -> None:
         """Check that some ray meets the scene."""
         rows, columns = np.meshgrid(
             np.arange(0, self.camera.height, _PROBE_PX),
@@ -259,7 +248,7 @@ class _Eye:
 
 
 def _trace_tile(
-    tracer: SceneTracer,
+    tracer: optics.SceneTracer,
     eye: _Eye,
     lamp: Lamp,
     model: LightModel,

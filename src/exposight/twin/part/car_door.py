@@ -6,38 +6,23 @@ constant orientation span what Table 9 lists. Positions are free: the training a
 within reach of views planned about f1, those measured from outside in a band of their own.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import math
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from exposight.cell import Part
 from exposight.errors import FileError
 from exposight.files import KeptFiles
+from exposight.twin.part import sheet_shape
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
-from exposight.twin.part.sheet_shape import (
-    Bead,
-    Hole,
-    Pocket,
-    PressProfile,
-    RingBead,
-    RoundedPolygon,
-    SheetShape,
-    Side,
-)
-from exposight.twin.part.surfaces import FINISHES
-
-if TYPE_CHECKING:
-    from exposight.twin.part.surfaces import Finish
-
+from exposight.twin.part.surfaces import FINISHES, Finish
 
 OUTSIDE_ZONES: Final[tuple[tuple[float, Finish], ...]] = (
     (10.0, "primer"),
@@ -47,26 +32,34 @@ OUTSIDE_ZONES: Final[tuple[tuple[float, Finish], ...]] = (
 """The outer skin's finish up to each x in mm: one zone for each of the paper's three groups of
 outside features (f1 | f2, f3 | f4, f5). The inner skin and all walls are bare."""
 
-_BEAD = PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
+_BEAD = sheet_shape.PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
 
 
 def _pocket(
     left: float, right: float, top: float, bottom: float, corner: float, depth: float
-) -> Pocket:
-    return Pocket(
-        floor=RoundedPolygon.rectangle(left, right, top, bottom, corner),
-        profile=PressProfile(depth_mm=depth, bend_mm=4.0, wall_deg=65.0),
+) -> sheet_shape.Pocket:
+    return sheet_shape.Pocket(
+        floor=sheet_shape.RoundedPolygon.rectangle(left, right, top, bottom, corner),
+        profile=sheet_shape.PressProfile(depth_mm=depth, bend_mm=4.0, wall_deg=65.0),
     )
 
 
-def _bead(x0: float, y0: float, x1: float, y1: float) -> Bead:
-    return Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
+def _bead(x0: float, y0: float, x1: float, y1: float) -> sheet_shape.Bead:
+    return sheet_shape.Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
 
 
 def _hole(
-    name: str, x: float, y: float, radius: float, w: float, p: float, side: Side = "inside"
-) -> Hole:
-    return Hole(name=name, x_mm=x, y_mm=y, radius_mm=radius, side=side, orientation_deg=(w, p))
+    name: str,
+    x: float,
+    y: float,
+    radius: float,
+    w: float,
+    p: float,
+    side: sheet_shape.Side = "inside",
+) -> sheet_shape.Hole:
+    return sheet_shape.Hole(
+        name=name, x_mm=x, y_mm=y, radius_mm=radius, side=side, orientation_deg=(w, p)
+    )
 
 
 _TRAINING = (  # Table 9, X: w 1…11°, p −3…1°
@@ -96,7 +89,7 @@ _OUTSIDE = (  # Table 9, X out: w −3…4°, p −2…0°; groups f1 | f2, f3 |
     _hole("f5_out", 400, 250, 13.0, 0.6, -0.1, "outside"),
 )
 _OTHERS = tuple(
-    Hole(name=f"h{number:02d}", x_mm=x, y_mm=y, radius_mm=radius)
+    sheet_shape.Hole(name=f"h{number:02d}", x_mm=x, y_mm=y, radius_mm=radius)
     for number, (x, y, radius) in enumerate(
         (
             (-455.0, -90.0, 4.0),
@@ -121,12 +114,12 @@ _OTHERS = tuple(
     )
 )
 
-DOOR: Final = SheetShape(
-    outline=RoundedPolygon(
+DOOR: Final = sheet_shape.SheetShape(
+    outline=sheet_shape.RoundedPolygon(
         corners_mm=((-500, 350), (-500, -120), (-300, -350), (500, -350), (500, 350)),
         radius_mm=50.0,
     ),
-    opening=RoundedPolygon.rectangle(190, 430, -300, -170, 35.0),
+    opening=sheet_shape.RoundedPolygon.rectangle(190, 430, -300, -170, 35.0),
     thickness_mm=1.2,
     rim_mm=0.4,
     pad_margin_mm=11.0,  # the ring's 5 mm, and more than 5 mm of smooth sheet round it
@@ -139,7 +132,7 @@ DOOR: Final = SheetShape(
         _pocket(300, 430, -110, 20, 25.0, 14.0),  # the handle's recess
         _pocket(-250, -60, -310, -225, 25.0, -9.0),  # a platform for a bracket
         _pocket(300, 440, 130, 190, 20.0, -8.0),  # a small platform
-        RingBead(centre_mm=(-340, 170), radius_mm=108.0, profile=_BEAD),
+        sheet_shape.RingBead(centre_mm=(-340, 170), radius_mm=108.0, profile=_BEAD),
         _bead(-112, -190, -112, -40),
         _bead(60, -190, 60, -60),
         _bead(-40, 55, 50, 55),

@@ -1,32 +1,18 @@
 """A scene: a closed mesh, the finish of each triangle, and the features that are measured on it."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
-from exposight.cell import Part, read_features, write_features, write_sensor
-from exposight.errors import (
-    DamagedFileError,
-    FeatureError,
-    FormatError,
-    InputError,
-    MissingFileError,
-)
+from exposight import errors
+from exposight.cell import ActiveSensor, Feature, Part, read_features, write_features, write_sensor
 from exposight.files import make_folder, write_durably
 from exposight.twin.part.surfaces import FINISHES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from exposight.cell import ActiveSensor, Feature, Part
-
 
 _REACH_MM = 5.0
 """A feature's ring ends this far beyond its edge, so there must be mesh at least that near."""
@@ -65,7 +51,7 @@ class Scene:
         fault = _fault(vertices, faces, finish)
         if fault:
             msg = f"the mesh of part {self.part.name!r}: {fault}"
-            raise InputError(msg)
+            raise errors.InputError(msg)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "face_finish", finish)
@@ -155,7 +141,7 @@ def check_scene(scene: Scene) -> Scene:
         fault = f"triangle {index} has no area; merge its corners"
     if fault:
         msg = f"the mesh of part {scene.part.name!r}: {fault}"
-        raise InputError(msg)
+        raise errors.InputError(msg)
     for feature in scene.part.features:
         _check_on_mesh(scene, feature)
     return scene
@@ -191,7 +177,7 @@ def _check_on_mesh(scene: Scene, feature: Feature) -> None:
             f"{scene.part.name!r}, more than its ring's {reach:.3g} mm; check that mesh and "
             "features have the same frame, and are in mm"
         )
-        raise FeatureError(msg)
+        raise errors.FeatureError(msg)
 
 
 MESH_FILE, FEATURES_FILE, SENSOR_FILE = "door.ply", "features.csv", "sensor.json"
@@ -242,17 +228,17 @@ def read_scene(folder: Path, name: str = "door") -> Scene:
     path = Path(folder) / MESH_FILE
     if not path.is_file():
         msg = f"no mesh at {path}; expected a PLY file as `export_scene` writes it"
-        raise MissingFileError(msg)
+        raise errors.MissingFileError(msg)
     features = read_features(Path(folder) / FEATURES_FILE)
     data = path.read_bytes()
     try:
         mesh = trimesh.load_mesh(io.BytesIO(data), file_type="ply", process=False)
     except Exception as error:  # trimesh raises whatever its parser meets
         msg = f"{path} cannot be read as a PLY mesh ({error}); export it again"
-        raise DamagedFileError(msg) from error
+        raise errors.DamagedFileError(msg) from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         msg = f"{path} holds no triangles; expected a closed triangle mesh"
-        raise FormatError(msg)
+        raise errors.FormatError(msg)
     return check_scene(
         Scene(
             vertices=mesh.vertices,
@@ -271,7 +257,7 @@ def _finish(mesh: trimesh.Trimesh, data: bytes, path: Path) -> NDArray[np.uint8]
         finish = mesh.metadata["_ply_raw"]["face"]["data"]["finish"]
     except (KeyError, ValueError, TypeError, IndexError) as error:
         msg = f"{path}: the faces' property 'finish' cannot be read; export the mesh again"
-        raise FormatError(msg) from error
+        raise errors.FormatError(msg) from error
     return np.asarray(finish, dtype=np.uint8).ravel()
 
 

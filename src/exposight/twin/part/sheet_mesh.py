@@ -6,22 +6,16 @@ them. The plane is lifted onto the inner skin, offset by the thickness onto the 
 every border (outline, opening, holes) is closed by a wall with rounded edges.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.twin.part.sheet_shape import Hole, SheetShape
+from exposight.twin.part.sheet_shape import Hole, SheetShape
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,17 +12,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import Feature
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform, rotation_facing
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 Side = Literal["inside", "outside"]
 

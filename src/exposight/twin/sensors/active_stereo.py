@@ -4,31 +4,22 @@ The images go through `exposight.imaging`'s rectification and semi-global matchi
 point where either image is clipped or shows too little texture.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
+from exposight.geometry import RigidTransform
 from exposight.imaging.rectification import RectifiedPair, rectify
 from exposight.imaging.stereo import match_pair
-from exposight.twin.light import LightModel, ProjectorLens, projector_of, trace_view
+from exposight.twin.light import LightModel, ProjectorLens, SceneTracer, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
 from exposight.twin.sensors.patterns import render_dots, slide_radiance
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.geometry import RigidTransform
-    from exposight.twin.light import SceneTracer
-
 
 DOT_LIGHT = LightModel(
     # Roboception: the RandomDot's lens has 12 mm, f/1.4. Fully open it would blur the dots away at

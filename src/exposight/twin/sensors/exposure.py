@@ -12,27 +12,19 @@ taken as normal, above some ten electrons indistinguishable), and is read out as
 The model is EMVA 1288's: linear until it clips, with the gain 255/full well in DN per electron.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import png_bytes
 from exposight.compiled import njit
 from exposight.errors import InputError, SensorError
+from exposight.twin.light.view_light import TileLight
 from exposight.twin.random_numbers import NORMAL_BITS, NORMAL_TABLE, mix_bits, stream_key
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from exposight.twin.light.view_light import TileLight
-
 
 _FRAMES_PER_DRAW = 4
 """Frames whose noise comes from one 64-bit draw: as many as a fringe has steps."""

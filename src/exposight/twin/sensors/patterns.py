@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import sensor_preset
+from exposight.cell import Projector, sensor_preset
 from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.imaging import AxisCoding, Fringe, PatternSequence
-from exposight.twin.light import projector_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import Projector
-    from exposight.twin.light import TileLight
+from exposight.twin.light import TileLight, projector_of
 
 
 def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSequence:

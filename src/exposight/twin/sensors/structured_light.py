@@ -17,17 +17,18 @@ it, once for all exposures.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from exposight.cell import ActiveSensor, Capture, Cloud
+from exposight.cell import ActiveSensor, Capture, Cloud, Part
 from exposight.compiled import njit
 from exposight.errors import SensorError
-from exposight.geometry import ProjectorCamera
+from exposight.geometry import PixelBox, ProjectorCamera, RigidTransform
 from exposight.imaging import (
     DecodingLimits,
     FrameStack,
@@ -37,7 +38,14 @@ from exposight.imaging import (
     triangulate,
 )
 from exposight.observing import Visibility, view_features
-from exposight.twin.light import LightModel, projector_of, trace_view
+from exposight.twin.light import (
+    LightModel,
+    SceneTracer,
+    TileLight,
+    ViewLight,
+    projector_of,
+    trace_view,
+)
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
 from exposight.twin.sensors.patterns import (
@@ -47,16 +55,6 @@ from exposight.twin.sensors.patterns import (
     projected,
     slide_radiance,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from exposight.cell import Part
-    from exposight.geometry import PixelBox, RigidTransform
-    from exposight.twin.light import SceneTracer, TileLight, ViewLight
-
 
 LIMITS = DecodingLimits(min_modulation=18.0, max_residual=0.2)
 """When a pixel counts as decoded. At 18 grey levels p_norm rises up to a brightness of 25, as in
