@@ -127,9 +127,11 @@ def unit_remarks(model: Predictor, frame: pl.DataFrame) -> tuple[str, ...]:
 def _positions_in_metres(model: Predictor, frame: pl.DataFrame) -> str:
     ranges: Mapping[str, tuple[float, float]] = model.training_range
     known = [name for name in _POSITIONS if name in ranges and name in frame.columns]
+    if not known:
+        return ""
     values = frame.select(pl.col(known).cast(pl.Float64).fill_null(np.nan)).to_numpy()
     values = values[np.isfinite(values).all(axis=1)]
-    if not known or not len(values):
+    if not len(values):
         return ""
     trained = np.array([ranges[name] for name in known])
     span, trained_span = float(np.ptp(values, axis=0).max()), float(np.ptp(trained, axis=1).max())

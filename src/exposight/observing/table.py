@@ -354,8 +354,10 @@ def _read_frame(path: Path) -> pl.DataFrame:
         match path.suffix.lower():
             case ".csv":
                 _check_separator(path)
-                text = {name: dtype for name, dtype in schema.SCHEMA.items() if dtype == pl.String}
-                # Without the types a feature called 007 would become 7.
+                # Without the types a feature called 007 would become 7. Only columns that are there
+                # are named: releases of polars give types of absent ones to others by position.
+                present = pl.read_csv(path, n_rows=0).columns
+                text = {name: pl.String for name in present if schema.SCHEMA.get(name) == pl.String}
                 return pl.read_csv(path, infer_schema_length=None, schema_overrides=text)
             case ".parquet":
                 return pl.read_parquet(path)

@@ -179,7 +179,8 @@ def expose(
         If the exposure time is not positive.
     """
     planes, weights = frames
-    grey = np.empty((len(planes), *light[0].shape), dtype=np.uint8)
+    rows, columns = light[0].shape
+    grey = np.empty((len(planes), rows, columns), dtype=np.uint8)
     _expose(
         light,
         planes,
@@ -187,7 +188,7 @@ def expose(
         electronics.numbers(exposure_ms),
         (noise_key, electronics.pattern_key),
         NORMAL_TABLE,
-        place or (0, 0, *light[0].shape),
+        place or (0, 0, rows, columns),
         grey,
     )
     return grey
