@@ -174,6 +174,7 @@ def test_an_exposure_outside_the_sensor_s_range(single_options, tmp_path, failin
     assert "takes exposure times from 0.5 to 50 ms, got 51 ms" in message
 
 
+@pytest.mark.slow
 def test_observations_that_the_sensor_cannot_have_taken(observations, tmp_path, failing):
     message = failing("train", observations, "-o", tmp_path, "--sensor", "rc-visard-65")
     assert "from 0.07 to 18 ms, got 40 ms" in message

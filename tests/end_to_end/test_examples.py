@@ -13,9 +13,6 @@ PROMISED = {
     "03_own_driver.py": ["0.2 ms: i_avg 4, p_norm 0.00", "5.0 ms: i_avg 100, p_norm 1.00"],
     "04_own_predictor.py": ["unseen observations: RMSE", "50 mm: known", "900 mm: unknown"],
 }
-SLOW = {"01_ten_lines.py"}
-
-
 NEED_A_RECORDING = ["05_skull.py"]  # tests/real
 
 
@@ -25,10 +22,8 @@ def test_every_example_is_run():
     )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PROMISED],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROMISED)
 def test_example(name):
     run = subprocess.run(
         [sys.executable, EXAMPLES / name], capture_output=True, text=True, timeout=120, check=False

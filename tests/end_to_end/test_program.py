@@ -32,6 +32,7 @@ def test_version():
     assert result.stdout == f"exposight {exposight.__version__}\n"
 
 
+@pytest.mark.slow
 def test_json_is_all_there_is_on_standard_output(campaign, tmp_path):
     result = program("observe", campaign, "-o", tmp_path / "o.csv", "--json")
     assert result.returncode == 0, result.stderr
@@ -67,6 +68,7 @@ def test_a_reader_that_leaves_is_no_error(words):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+@pytest.mark.slow
 def test_ctrl_c_ends_in_a_line(observations, tmp_path):
     training = ("train", observations, "-m", "q_k6", "-o", tmp_path, "--restarts", "10000")
     process = subprocess.Popen(
@@ -89,6 +91,7 @@ def test_ctrl_c_ends_in_a_line(observations, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="it has no such encoding of its terminal")
+@pytest.mark.slow
 def test_a_terminal_without_greek_letters_is_no_error(models):
     pose = ("--i-avg", "100", "--x-mm", "0", "--y-mm", "0", "--z-mm", "0")
     model = models / "q_k4.exposight-model"

@@ -189,6 +189,7 @@ def test_a_scene_that_is_not_there(run, plan, tmp_path):
     assert "exposight simulate PLAN --export-scene FOLDER" in message
 
 
+@pytest.mark.slow
 def test_a_preset_is_known_by_name_and_exported_for_other_programs(run_json, tmp_path):
     told = run_json("simulate", "stereo-x", "--export-scene", tmp_path / "scene")
     scene = read_scene(tmp_path / "scene")

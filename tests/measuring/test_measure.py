@@ -86,6 +86,7 @@ def test_rings_only_measure_the_same_as_whole_frames(whole, alone):
     assert same_view["p_norm"].is_between(0.02, 0.98).any()  # not only all or nothing
 
 
+@pytest.mark.slow
 def test_whole_frames_are_organised(whole):
     captures = list(whole.captures())
     assert all(capture.cloud.organised for capture in captures)
@@ -264,7 +265,8 @@ def test_a_cell_of_other_settings_is_refused(alone, cell, sheet_plan, sheet_scen
             measure(sheet_plan, cell(sheet_plan, **changes), alone)
 
 
-def test_captures_of_no_plan_are_refused(tmp_path, whole, cell, sheet_plan):
+def test_captures_of_no_plan_are_refused(tmp_path, alone, cell, sheet_plan):
+    whole = CampaignFolder(alone)
     recorded = replace(next(whole.captures()), view="recorded")
     with CampaignWriter.open_or_create(
         tmp_path / "cell", name=sheet_plan.name, sensor=whole.sensor, part=whole.part

@@ -108,6 +108,7 @@ PUBLISHED_GREY = (8.9, 17.8, 31.0, 44.5, 67.0, 89.0, 128.0, 171.0, 199.0)
 PUBLISHED_SHARE = (0.15, 0.85, 0.98, 1.0, 1.0, 0.99, 0.51, 0.11, 0.02)
 
 
+@pytest.mark.slow
 def test_re_exposure_keeps_the_known_share_of_points(skull, skull_stacks):
     """A point counts within 1.5 mm of the authors' point of the same pixel, as in the table."""
     rig, reference = skull

@@ -13,6 +13,7 @@ from exposight.report import campaign_report, read_part_mesh, write_campaign_rep
 _LOADING = {"src", "srcset", "href", "action", "formaction", "data", "poster", "xlink:href"}
 
 
+@pytest.mark.slow
 def test_the_same_report_gives_the_same_bytes(report, page):
     assert report.html() == page
 

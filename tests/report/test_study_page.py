@@ -33,6 +33,8 @@ SL = "structured-light"
 EVIL = "<x>&\"'</script>"
 """A statement that would break a page which does not escape it."""
 
+pytestmark = pytest.mark.slow
+
 
 def observation(feature, view, exposure_ms, place):
     x, y, z = place

@@ -71,6 +71,7 @@ def test_euler_number_counts_every_hole_and_the_opening(mesh):
     assert mesh.euler_number == 2 - 2 * (len(DOOR.holes) + 1)
 
 
+@pytest.mark.slow
 def test_is_a_sheet_of_one_thickness_looking_outwards(mesh, scene):
     upward = scene.face_normals()[:, 2]
     skins = mesh.area_faces[upward < -0.3].sum(), mesh.area_faces[upward > 0.3].sum()
@@ -146,6 +147,7 @@ def rings(scene):
     return found
 
 
+@pytest.mark.slow
 def test_features_look_along_the_mesh_normals(scene, rings):
     normals = scene.face_normals()
     for feature in scene.part.features:
@@ -185,6 +187,7 @@ def test_rings_lie_on_sheet_free_of_beads_pockets_and_borders():
                 assert apart > flat + other.radius_mm + 5, (hole.name, other.name)
 
 
+@pytest.mark.slow
 def test_inside_is_bare_and_each_outside_group_has_its_finish(scene, rings):
     found = {}
     for name, (on_ring, _) in rings.items():
