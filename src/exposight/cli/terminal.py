@@ -1,5 +1,7 @@
 """The terminal: JSON objects, errors in a line, progress bars, and readers that leave."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
@@ -8,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from rich.console import Console
 from rich.progress import (
@@ -22,7 +24,8 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from exposight.workers import Progress
+if TYPE_CHECKING:  # it imports numba, which --help does not wait for
+    from exposight.workers import Progress
 
 BROKEN_PIPE = 141
 """Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""
