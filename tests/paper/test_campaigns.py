@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
@@ -34,21 +35,21 @@ from exposight.workers import ignore_progress
     ],
 )
 def test_full_campaigns_have_the_plans_views(name: str, views: int, captures: int) -> None:
-    (campaign,) = (own for own in CAMPAIGNS if own.name == name)
+    (campaign,) = (campaign for campaign in CAMPAIGNS if campaign.name == name)
     plan = campaign_plan(campaign, quick=False)
     assert plan_size(plan) == (views, captures)
 
 
-@pytest.mark.parametrize("campaign", CAMPAIGNS, ids=lambda own: own.name)
+@pytest.mark.parametrize("campaign", CAMPAIGNS, ids=lambda campaign: campaign.name)
 @pytest.mark.parametrize("quick", [True, False])
 def test_plans_observe_what_the_datasets_need(campaign: StudyCampaign, quick: bool) -> None:
     assert set(campaign.features()) <= set(campaign_plan(campaign, quick=quick).features)
 
 
 def test_a_quick_study_has_all_depths_of_the_full_one() -> None:
-    (stereo,) = (own for own in CAMPAIGNS if own.name == "stereo-inside")
+    (stereo,) = (campaign for campaign in CAMPAIGNS if campaign.name == "stereo-inside")
     quick, full = (campaign_plan(stereo, quick=quick) for quick in (True, False))
-    assert [own.z_tcp_mm for own in quick.planes] == [own.z_tcp_mm for own in full.planes]
+    assert [plane.z_tcp_mm for plane in quick.planes] == [plane.z_tcp_mm for plane in full.planes]
 
 
 INSIDE, *_, LIGHTING, OUTSIDE, STEREO, _ = CAMPAIGNS
@@ -69,6 +70,8 @@ def simulations(
         table.write(table_path)
         return table
 
+    cell = SimpleNamespace(for_plan=lambda *_, **__: None)
+    monkeypatch.setattr(campaigns_module, "SimulatedCell", cell)
     monkeypatch.setattr(campaigns_module, "measure_observations", simulate)
     return asked
 
