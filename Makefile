@@ -7,7 +7,9 @@ USE    := $(VENV)/.ready
 DEVELOP := $(VENV)/.ready-dev
 RUN    := $(BIN)/python
 OUT    ?= demo-output
-# Compiled to byte code when first imported: installing everything so would take 90 MB more.
+# A file of tests stays in one process, with what its tests share.
+PYTEST := $(RUN) -m pytest --numprocesses logical --dist loadfile
+# Byte code is written when a module is first imported: compiling all of it would take 90 MB more.
 PIP    := $(RUN) -m pip --quiet --disable-pip-version-check install --no-compile
 
 # Linear algebra on one thread unless a caller says otherwise: beside other work on the same cores
@@ -36,10 +38,10 @@ demo: $(USE)  ## Run the whole method on a simulated cell and write a report
 	$(BIN)/exposight demo --output $(OUT)
 
 test: $(DEVELOP)  ## Run the tests
-	$(RUN) -m pytest
+	$(PYTEST)
 
 quick: $(DEVELOP)  ## Run the tests but for the slow ones
-	$(RUN) -m pytest -m "not slow"
+	$(PYTEST) -m "not slow"
 
 check: $(DEVELOP)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m ruff format --check .
