@@ -246,3 +246,11 @@ def test_a_model_says_if_it_learnt_from_emulated_exposures(trained, make_table):
     table = make_table()
     emulated = ObservationTable(frame=table.frame.with_columns(emulated=True))
     assert trained(model_named("q_k1"), emulated).provenance.emulated
+
+
+def test_a_notebook_shows_hyperparameters_and_no_tags_from_names(trained):
+    model = replace(trained(model_named("q_k1")), title="<b>quality</b>")
+    shown = model._repr_html_()
+    assert "<b>" not in shown
+    for each in model.hyperparameters():
+        assert each.name in shown

@@ -8,6 +8,7 @@ in forecasts like any other.
 
 from __future__ import annotations
 
+import html
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -22,6 +23,7 @@ from exposight.cell import GREY_MAX, ActiveSensor
 from exposight.errors import InputError, ObservationError, did_you_mean
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
+from exposight.tables import Column, Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -231,6 +233,16 @@ class Predictor(ABC):
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Return the hyperparameters with their units; none by default."""
         return ()
+
+    def _repr_html_(self) -> str:
+        title = (
+            f"{self.name} ({self.title}) predicts {self.target} in {quantity(self.target).unit} "
+            f"from {', '.join(self.inputs)}"
+        )
+        columns = tuple(Column(name=name) for name in ("name", "value", "unit", "remark"))
+        rows = [vars(each) for each in self.hyperparameters()]
+        body = Table.of("hyperparameters", rows, columns)._repr_html_() if rows else ""
+        return f"<p>{html.escape(title)}</p>{body}"
 
     def to_document(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return what the model file keeps beside the fields of `Predictor`.
