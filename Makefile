@@ -8,7 +8,7 @@ DEVELOP := $(VENV)/.ready-dev
 RUN    := $(BIN)/python
 OUT    ?= demo-output
 # A file of tests stays in one process, with what its tests share.
-PYTEST := $(RUN) -m pytest --numprocesses logical --dist loadfile --no-loadscope-reorder
+PYTEST := $(RUN) -m pytest --numprocesses logical --dist loadfile
 # Byte code is written when a module is first imported: compiling all of it would take 90 MB more.
 PIP    := $(RUN) -m pip --quiet --disable-pip-version-check install --no-compile
 
