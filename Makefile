@@ -7,8 +7,9 @@ USE    := $(VENV)/.ready
 DEVELOP := $(VENV)/.ready-dev
 RUN    := $(BIN)/python
 OUT    ?= demo-output
-# A file of tests stays in one process, with what its tests share.
-PYTEST := $(RUN) -m pytest --numprocesses logical --dist loadfile
+# A file of tests stays in one process, with what its tests share; one process more than there are
+# cores, as tests that stop and kill others mostly wait.
+PYTEST  = $(RUN) -m pytest --numprocesses $(shell $(PYTHON) -c 'import os; print(1 + os.cpu_count())') --dist loadfile
 # Byte code is written when a module is first imported: compiling all of it would take 90 MB more.
 PIP    := $(RUN) -m pip --quiet --disable-pip-version-check install --no-compile
 
