@@ -7,15 +7,18 @@ USE    := $(VENV)/.ready
 DEVELOP := $(VENV)/.ready-dev
 RUN    := $(BIN)/python
 OUT    ?= demo-output
-# A file of tests stays in one process, with what its tests share; one process more than there are
-# cores, as tests that stop and kill others mostly wait.
-PYTEST  = $(RUN) -m pytest --numprocesses $(shell $(PYTHON) -c 'import os; print(1 + os.cpu_count())') --dist loadfile
-# Byte code is written when a module is first imported: compiling all of it would take 90 MB more.
+# A file of tests stays in one process, with what its tests share.
+PYTEST := $(RUN) -m pytest --numprocesses logical --dist loadfile
+# Byte code of everything would take 90 MB, that of what is used takes 40 MB (see below).
 PIP    := $(RUN) -m pip --quiet --disable-pip-version-check install --no-compile
 
 # Linear algebra on one thread unless a caller says otherwise: beside other work on the same cores
 # more threads cost far more than they gain (docs/architecture.md).
 export OPENBLAS_NUM_THREADS ?= 1
+
+# Byte code is written when a module is first imported, also where the shell says otherwise: without
+# it every process would translate its libraries again.
+export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test quick check docs bench requirements clean

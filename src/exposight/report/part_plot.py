@@ -116,6 +116,7 @@ def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) ->
     if len(view.features) <= _NAMED:
         _add_names(drawing, view, centres, extent, unseen)
     points, faces = ring_mesh(view.tcp_from_feature, view.radii_mm, extent)
+    shown = np.concatenate([shown, points])  # rings are drawn wider than they are
     kinds = {"measured": view.p_norm}
     if view.forecast is not None:
         kinds = {"predicted": view.forecast.taken.p_norm, **kinds}
