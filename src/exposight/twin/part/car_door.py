@@ -11,12 +11,13 @@ import logging
 import math
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
-from exposight.cell import Part
+from exposight.cell import PAPER_TOLERANCE, Part
 from exposight.errors import FileError
 from exposight.files import KeptFiles
 from exposight.twin.part import sheet_shape
@@ -35,13 +36,15 @@ outside features (f1 | f2, f3 | f4, f5). The inner skin and all walls are bare."
 _BEAD = sheet_shape.PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
 
 
+def _wall(depth_mm: float) -> sheet_shape.PressProfile:
+    return sheet_shape.PressProfile(depth_mm=depth_mm, bend_mm=4.0, wall_deg=65.0)
+
+
 def _pocket(
     left: float, right: float, top: float, bottom: float, corner: float, depth: float
 ) -> sheet_shape.Pocket:
-    return sheet_shape.Pocket(
-        floor=sheet_shape.RoundedPolygon.rectangle(left, right, top, bottom, corner),
-        profile=sheet_shape.PressProfile(depth_mm=depth, bend_mm=4.0, wall_deg=65.0),
-    )
+    floor = sheet_shape.RoundedPolygon.rectangle(left, right, top, bottom, corner)
+    return sheet_shape.Pocket(floor=floor, profile=_wall(depth))
 
 
 def _bead(x0: float, y0: float, x1: float, y1: float) -> sheet_shape.Bead:
@@ -114,6 +117,65 @@ _OTHERS = tuple(
     )
 )
 
+_HOLES = _TRAINING + _MORE_TRAINING + _TEST + _OUTSIDE + _OTHERS
+
+NeighbourKind = Literal["bead", "platform", "recess"]
+
+NEIGHBOURS: Final[Mapping[str, tuple[NeighbourKind, float, float]]] = {
+    "f2": ("platform", 10, 5.3),
+    "f5": ("bead", 175, 5.9),
+    "f8": ("platform", 109, 4.4),
+    "f1_test": ("recess", 145, 3.6),
+    "f2_test": ("recess", 119, 5.4),
+    "f4_test": ("bead", 94, 5.3),
+    "h02": ("recess", 308, 5.6),
+    "h03": ("recess", 170, 3.8),
+    "h06": ("recess", 14, 4.6),
+    "h07": ("platform", 69, 3.2),
+    "h08": ("platform", 221, 5.8),
+    "h09": ("bead", 184, 5.3),
+    "h16": ("bead", 283, 3.6),
+    "h17": ("bead", 295, 5.0),
+}
+"""What is pressed beside half of the inside holes, as on real doors: the kind, its direction from
+the hole in degrees from x towards y, and how far beyond the ring its foot begins, in mm.
+
+Drawn with one seed before anything was measured; of each hole's draws the first that collides with
+nothing (the tests draw them again)."""
+
+
+def press_beside(
+    hole: sheet_shape.Hole, kind: NeighbourKind, direction_deg: float, gap_mm: float
+) -> sheet_shape.Press:
+    """Return a short bead, or a step up or down, across a direction from a hole.
+
+    Parameters
+    ----------
+    hole : Hole
+        The hole. Bead and step are 20 mm and its radius long; assumed.
+    kind : {'bead', 'platform', 'recess'}
+        3.5 mm high, 5 mm high or 5 mm deep; steps are 16 mm wide.
+    direction_deg : float, degrees
+        Where it lies, from x towards y.
+    gap_mm : float, mm
+        How far beyond the ring, which ends 5 mm beyond the hole's edge, its foot begins.
+    """
+    angle = math.radians(direction_deg)
+    away = np.array([math.cos(angle), math.sin(angle)])
+    along = (10.0 + hole.radius_mm / 2) * np.array([-away[1], away[0]])
+    profile = {"bead": _BEAD, "platform": _wall(-5.0), "recess": _wall(5.0)}[kind]
+    foot_mm = hole.radius_mm + PAPER_TOLERANCE.outer_mm + gap_mm
+    near = hole.centre_mm + (foot_mm + profile.width_mm) * away
+    if kind == "bead":
+        return _bead(*(near - along), *(near + along))
+    far = near + 16.0 * away
+    corners = np.array([near - along, near + along, far + along, far - along])
+    floor = sheet_shape.RoundedPolygon(
+        corners_mm=tuple(map(tuple, corners.tolist())), radius_mm=6.0
+    )
+    return sheet_shape.Pocket(floor=floor, profile=profile)
+
+
 DOOR: Final = sheet_shape.SheetShape(
     outline=sheet_shape.RoundedPolygon(
         corners_mm=((-500, 350), (-500, -120), (-300, -350), (500, -350), (500, 350)),
@@ -142,7 +204,10 @@ DOOR: Final = sheet_shape.SheetShape(
         _bead(80, 205, 240, 170),
         _bead(-220, 315, 440, 315),
     ),
-    holes=_TRAINING + _MORE_TRAINING + _TEST + _OUTSIDE + _OTHERS,
+    holes=_HOLES,
+    neighbours=tuple(
+        press_beside(hole, *NEIGHBOURS[hole.name]) for hole in _HOLES if hole.name in NEIGHBOURS
+    ),
 )
 """The door: 1.0 m × 0.7 m of 1.2 mm sheet."""
 
@@ -164,7 +229,7 @@ logger = logging.getLogger(__name__)
 CACHE_VARIABLE = "EXPOSIGHT_CACHE"
 """Environment variable that names another cache folder."""
 
-_VERSION = 1
+_VERSION = 2
 """To be raised when the same design gives another mesh."""
 
 _CACHED = "door.npz"

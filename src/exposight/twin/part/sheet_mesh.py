@@ -100,8 +100,9 @@ def _circle_sizes(
     """Return the circles round a hole: radius and spacing of the points, mm, inside out."""
     radius, spacing = hole.radius_mm + shape.rim_mm, settings.rim_spacing_mm
     sizes = [(radius, spacing)]
-    while spacing < settings.lattice_mm:
-        spacing = min(spacing * settings.growth, settings.lattice_mm)
+    finest = settings.lattice_mm / 2  # of the lattice, which may bend from the last circle on
+    while spacing < finest:
+        spacing = min(spacing * settings.growth, finest)
         radius += spacing * math.sqrt(3) / 2
         sizes.append((radius, spacing))
     return sizes

@@ -91,9 +91,11 @@ class SheetShape:
     crown_mm : (float, float), mm
         Radii of curvature along x and y; the sheet is convex seen from outside.
     presses : tuple of Press
-        Pockets and beads.
+        Pockets and beads; where a pad lies over one, the pad is what is there.
     holes : tuple of Hole
         Every hole.
+    neighbours : tuple of Press
+        Pockets and beads beside holes, pressed into their pads; none reaches a ring.
     """
 
     outline: RoundedPolygon
@@ -106,6 +108,7 @@ class SheetShape:
     crown_mm: tuple[float, float]
     presses: tuple[Press, ...]
     holes: tuple[Hole, ...]
+    neighbours: tuple[Press, ...] = ()
 
     def height_mm(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return z of the inner skin, (n,) mm, at points (n, 2) mm."""
@@ -118,6 +121,7 @@ class SheetShape:
             beyond = (np.linalg.norm(offset, axis=1) - flat) / self.pad_blend_mm
             share = 1.0 - _smooth_step(beyond)
             height[near] += share * (centre_height + offset @ slope - height[near])
+        _press_in(height, xy, self.neighbours)
         return height
 
     def normals(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -167,13 +171,20 @@ class SheetShape:
 
     def _height_without_pads_mm(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         slope = np.tan(np.radians(self.slope_deg))
-        height = xy @ slope - (xy**2) @ (0.5 / np.array(self.crown_mm))
-        for press in self.presses:
-            low, high = press.bounds_mm()
-            reach = press.profile.width_mm
-            near = np.flatnonzero(((xy > low - reach) & (xy < high + reach)).all(axis=1))
-            height[near] += press.profile.rise_mm(press.distance_mm(xy[near]))
-        return np.asarray(height)
+        height = np.asarray(xy @ slope - (xy**2) @ (0.5 / np.array(self.crown_mm)))
+        _press_in(height, xy, self.presses)
+        return height
+
+
+def _press_in(
+    height_mm: NDArray[np.float64], xy: NDArray[np.float64], presses: tuple[Press, ...]
+) -> None:
+    """Add to the heights (n,) at points (n, 2), mm, what presses make of them."""
+    for press in presses:
+        low, high = press.bounds_mm()
+        reach = press.profile.width_mm
+        near = np.flatnonzero(((xy > low - reach) & (xy < high + reach)).all(axis=1))
+        height_mm[near] += press.profile.rise_mm(press.distance_mm(xy[near]))
 
 
 def _smooth_step(share: NDArray[np.float64]) -> NDArray[np.float64]:
