@@ -204,13 +204,13 @@ def test_a_robot_that_nobody_knows(single_options, tmp_path, failing):
     del single_options["--pose"]
     call = observe_single(single_options, tmp_path)
     message = failing(*call, "--robot-pose", "staubli", "0,0,0,0,0,0")
-    assert "as by fanuc, kuka, abb or ur, got 'staubli'" in message
+    assert "rotation_vector or matrix, got 'staubli'" in message
 
 
 def test_a_robot_s_pose_with_a_number_missing(single_options, tmp_path, failing):
     del single_options["--pose"]
     message = failing(*observe_single(single_options, tmp_path), "--robot-pose", "fanuc", "0,0,6")
-    assert "a fanuc pose needs 6 numbers x,y,z,w,p,r in mm and degrees, got '0,0,6'" in message
+    assert "a fanuc pose needs 6 numbers x_mm,y_mm,z_mm,w_deg,p_deg,r_deg, got 3 numbers" in message
 
 
 # -- files --------------------------------------------------------------------------------------

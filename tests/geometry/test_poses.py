@@ -371,9 +371,9 @@ def test_a_quaternion_has_norm_one(quaternion):
     [
         (lambda: RigidTransform.from_fanuc_wpr([0, 0, 0], np.nan, 0, 0), "a Fanuc .* rotation"),
         (lambda: RigidTransform.from_kuka_abc([0, 0, 0], 0, np.inf, 0), "a KUKA .* rotation"),
-        (lambda: RigidTransform.from_abb_quaternion([0, 0, 0], [1, 0, 0]), "an ABB quaternion"),
+        (lambda: RigidTransform.from_abb_quaternion([0, 0, 0], [1, 0, 0]), "a quaternion"),
         (lambda: RigidTransform.from_ur_rotation_vector([0, 0], [0, 0, 0]), "a UR position in m"),
-        (lambda: RigidTransform.from_ur_rotation_vector([0, 0, 0], [0]), "a UR rotation vector"),
+        (lambda: RigidTransform.from_ur_rotation_vector([0, 0, 0], [0]), "a rotation vector"),
         (lambda: rotation_facing([0, np.nan, 0]), "a z axis"),
         (lambda: rotation_facing([0, 0, 1], [1, 0]), "a hint for the x axis"),
     ],

@@ -20,7 +20,8 @@ class PoseOptions:
         Pose of the part in the camera's frame: text file with a 4×4 matrix, mm.
     robot_pose
         The same as a robot writes it: fanuc x,y,z,w,p,r or kuka x,y,z,A,B,C in mm and degrees; abb
-        x,y,z,q1,q2,q3,q4 in mm, scalar part first; ur x,y,z,rx,ry,rz in m and rad.
+        x,y,z,q1,q2,q3,q4 in mm, scalar part first; ur x,y,z,rx,ry,rz in m and rad; or
+        quaternion_wxyz, quaternion_xyzw, rotation_vector (mm and rad), matrix.
     """
 
     pose: Path | None = None

@@ -18,4 +18,10 @@ from exposight.geometry.cylinders import (
     ring_pixels,
 )
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
-from exposight.geometry.written_poses import parse_pose, read_pose
+from exposight.geometry.written_poses import (
+    PoseNotation,
+    parse_pose,
+    pose_columns,
+    pose_from_numbers,
+    read_pose,
+)

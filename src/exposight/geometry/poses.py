@@ -269,11 +269,11 @@ class RigidTransform:
             q1, q2, q3, q4 as RAPID orders them: w, x, y, z. Its norm must be 1 within 1e-3
             (RAPID prints a few decimals), and is then made exact.
         """
-        quaternion = _check_numbers(quaternion_wxyz, 4, "an ABB quaternion (w, x, y, z)")
+        quaternion = _check_numbers(quaternion_wxyz, 4, "a quaternion (w, x, y, z)")
         norm = float(np.linalg.norm(quaternion))
         if abs(norm - 1.0) > 1e-3:
             msg = (
-                f"an ABB quaternion (w, x, y, z) must have norm 1, got {norm:.6g}; "
+                f"a quaternion (w, x, y, z) must have norm 1, got {norm:.6g}; "
                 "check that four numbers of one orientation were read"
             )
             raise PoseError(msg)
@@ -299,9 +299,24 @@ class RigidTransform:
             Rotation axis times angle.
         """
         position = _check_numbers(position_m, 3, "a UR position in m")
-        vector = _check_numbers(rotation_vector_rad, 3, "a UR rotation vector in rad")
+        return cls.from_rotation_vector(1000.0 * position, rotation_vector_rad)
+
+    @classmethod
+    def from_rotation_vector(
+        cls, position_mm: ArrayLike, rotation_vector_rad: ArrayLike
+    ) -> RigidTransform:
+        """Read a position and a rotation axis times its angle.
+
+        Parameters
+        ----------
+        position_mm : (3,) array_like, mm
+            The source's origin seen from the target.
+        rotation_vector_rad : (3,) array_like, rad
+            Rotation axis times angle.
+        """
+        vector = _check_numbers(rotation_vector_rad, 3, "a rotation vector in rad")
         rotation = Rotation.from_rotvec(vector)
-        return cls(rotation=rotation.as_matrix(), translation_mm=1000.0 * position)
+        return cls(rotation=rotation.as_matrix(), translation_mm=np.asarray(position_mm))
 
     def to_ur_rotation_vector(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (position_m, rotation_vector_rad), the vector's length in [0, π]."""

@@ -1,66 +1,133 @@
 """Poses as robots and text files write them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal, get_args
 
 import numpy as np
 
 from exposight.errors import MissingFileError, PoseError, did_you_mean
 from exposight.geometry.poses import RigidTransform
 
-POSE_CONVENTIONS: Mapping[str, tuple[str, Callable[[list[float]], RigidTransform]]] = (
-    MappingProxyType(
-        {
-            "fanuc": (
-                "x,y,z,w,p,r in mm and degrees",
-                lambda n: RigidTransform.from_fanuc_wpr(n[:3], n[3], n[4], n[5]),
-            ),
-            "kuka": (
-                "x,y,z,A,B,C in mm and degrees",
-                lambda n: RigidTransform.from_kuka_abc(n[:3], n[3], n[4], n[5]),
-            ),
-            "abb": (
-                "x,y,z,q1,q2,q3,q4 in mm, scalar part first",
-                lambda n: RigidTransform.from_abb_quaternion(n[:3], n[3:]),
-            ),
-            "ur": (
-                "x,y,z,rx,ry,rz in m and rad",
-                lambda n: RigidTransform.from_ur_rotation_vector(n[:3], n[3:]),
-            ),
-        }
-    )
+PoseNotation = Literal[
+    "fanuc", "kuka", "abb", "ur", "quaternion_wxyz", "quaternion_xyzw", "rotation_vector", "matrix"
+]
+"""Ways to write a pose; ``docs/conventions.md`` says what each one means."""
+
+
+@dataclass(frozen=True)
+class _Reader:
+    columns: tuple[str, ...]
+    read: Callable[[list[float]], RigidTransform]
+
+
+def _reader(columns: str, read: Callable[[list[float]], RigidTransform]) -> _Reader:
+    return _Reader(tuple(columns.split()), read)
+
+
+_READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
+    {
+        "fanuc": _reader(
+            "x_mm y_mm z_mm w_deg p_deg r_deg",
+            lambda n: RigidTransform.from_fanuc_wpr(n[:3], n[3], n[4], n[5]),
+        ),
+        "kuka": _reader(
+            "x_mm y_mm z_mm a_deg b_deg c_deg",
+            lambda n: RigidTransform.from_kuka_abc(n[:3], n[3], n[4], n[5]),
+        ),
+        "abb": _reader(
+            "x_mm y_mm z_mm q1 q2 q3 q4",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], n[3:]),
+        ),
+        "ur": _reader(
+            "x_m y_m z_m rx_rad ry_rad rz_rad",
+            lambda n: RigidTransform.from_ur_rotation_vector(n[:3], n[3:]),
+        ),
+        "quaternion_wxyz": _reader(
+            "x_mm y_mm z_mm qw qx qy qz",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], n[3:]),
+        ),
+        "quaternion_xyzw": _reader(
+            "x_mm y_mm z_mm qx qy qz qw",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], [n[6], *n[3:6]]),
+        ),
+        "rotation_vector": _reader(
+            "x_mm y_mm z_mm rx_rad ry_rad rz_rad",
+            lambda n: RigidTransform.from_rotation_vector(n[:3], n[3:]),
+        ),
+        "matrix": _reader(
+            "r11 r12 r13 x_mm r21 r22 r23 y_mm r31 r32 r33 z_mm",
+            lambda n: RigidTransform.from_matrix(np.reshape(n, (-1, 4))),
+        ),
+    }
 )
-"""Robots' ways to write a pose: which numbers, in which units, and how they are read."""
 
 
-def parse_pose(convention: str, text: str) -> RigidTransform:
-    """Read a pose as a robot writes it.
+def pose_columns(notation: PoseNotation) -> tuple[str, ...]:
+    """Return the names of a notation's numbers, with their units, in its order."""
+    return _READERS[notation].columns
+
+
+def pose_from_numbers(notation: str, numbers: Sequence[float]) -> RigidTransform:
+    """Return the pose that numbers in some notation mean.
 
     Parameters
     ----------
-    convention : str
-        A key of `POSE_CONVENTIONS`.
-    text : str
-        The pose's numbers, separated by commas or blanks.
+    notation : str
+        One of `PoseNotation`.
+    numbers : sequence of float
+        As many as `pose_columns` names, in that order and those units; a matrix may have its last
+        row too, 16 numbers.
 
     Raises
     ------
     PoseError
-        If the convention is unknown, the count of numbers is wrong, or one is not a number.
+        If the notation is unknown, the count of numbers is wrong, or they are no pose.
     """
-    if convention not in POSE_CONVENTIONS:
-        *others, last = POSE_CONVENTIONS
-        msg = f"poses are written as by {', '.join(others)} or {last}, got '{convention}'"
-        msg += did_you_mean(convention, POSE_CONVENTIONS)
+    reader = _reader_of(notation)
+    if len(numbers) != len(reader.columns) and (notation, len(numbers)) != ("matrix", 16):
+        msg = f"{_needed(notation, reader)}, got {len(numbers)} numbers"
         raise PoseError(msg)
-    expected, read = POSE_CONVENTIONS[convention]
-    count = expected.split(" ", 1)[0].count(",") + 1
+    return reader.read(list(numbers))
+
+
+def parse_pose(notation: str, text: str) -> RigidTransform:
+    """Read a pose as a robot writes it.
+
+    Parameters
+    ----------
+    notation : str
+        One of `PoseNotation`.
+    text : str
+        The pose's numbers, separated by commas or blanks; see `pose_from_numbers`.
+
+    Raises
+    ------
+    PoseError
+        As for `pose_from_numbers`, and if one is not a number.
+    """
+    reader = _reader_of(notation)
     numbers = _numbers(text)
-    if numbers is None or len(numbers) != count:
-        msg = f"a {convention} pose needs {count} numbers {expected}, got '{text}'"
+    if numbers is None:
+        msg = f"{_needed(notation, reader)}, got '{text}'"
         raise PoseError(msg)
-    return read(numbers)
+    return pose_from_numbers(notation, numbers)
+
+
+def _reader_of(notation: str) -> _Reader:
+    for known, reader in _READERS.items():
+        if notation == known:
+            return reader
+    *others, last = names = get_args(PoseNotation)
+    msg = f"the notation of a pose must be {', '.join(others)} or {last}, got '{notation}'"
+    raise PoseError(msg + did_you_mean(notation, names))
+
+
+def _needed(notation: str, reader: _Reader) -> str:
+    count = "12 or 16" if notation == "matrix" else f"{len(reader.columns)}"
+    return f"a {notation} pose needs {count} numbers {','.join(reader.columns)}"
 
 
 def read_pose(path: Path) -> RigidTransform:
