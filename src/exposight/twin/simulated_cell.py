@@ -261,8 +261,8 @@ def _tracer(folder: Path | None, finish: Finish | None) -> SceneTracer:
 
 
 def scene_checksum(scene: Scene) -> str:
-    """Return the SHA-256 of a scene's triangles and finishes."""
-    checksum = hashlib.sha256()
+    """Return the SHA-256 of a scene's triangles and of what they are made of."""
+    checksum = hashlib.sha256(repr(dict(scene.surfaces)).encode())
     for array in (scene.vertices, scene.faces, scene.face_finish):
         checksum.update(str(array.shape).encode())
         checksum.update(array.tobytes())

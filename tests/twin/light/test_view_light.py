@@ -17,8 +17,8 @@ from exposight.twin.light import (
     trace_view,
 )
 from exposight.twin.light.view_light import disjoint_boxes
-from exposight.twin.part import FINISHES, SURFACES, Surface
-from exposight.twin.part.surfaces import reflectance, surface_table
+from exposight.twin.part import FINISHES, SURFACES, Scene, Surface
+from exposight.twin.part.reflectance import reflectance
 
 MATT = Surface(
     diffuse_albedo=0.5,
@@ -37,13 +37,16 @@ SINGLE = 2e-3
 
 
 def _matt_model(**change: object) -> LightModel:
-    surfaces = {**SURFACES, "primer": MATT}
-    return LightModel(surfaces=surfaces, camera=FLAT_LENS, **{"indirect": False, **change})
+    return LightModel(camera=FLAT_LENS, **{"indirect": False, **change})
+
+
+def _tracer(scene: Scene, primer: Surface = MATT) -> SceneTracer:
+    return SceneTracer(replace(scene, surfaces={**SURFACES, "primer": primer}))
 
 
 def test_radiance_of_a_matt_sheet_has_its_closed_form(plate, small_sensor, before) -> None:
     pose = before()
-    view = trace_view(SceneTracer(plate("primer")), small_sensor, pose, model=_matt_model())
+    view = trace_view(_tracer(plate("primer")), small_sensor, pose, model=_matt_model())
     tile = view.tiles[0]
     rays = small_sensor.camera.rays()[::37, ::41]
     normal = pose.rotation @ [0.0, 0.0, -1.0]
@@ -63,7 +66,7 @@ def test_radiance_of_a_matt_sheet_has_its_closed_form(plate, small_sensor, befor
 
 def test_true_depth_is_that_of_the_sheet(plate, small_sensor, before) -> None:
     pose = before()
-    view = trace_view(SceneTracer(plate("primer")), small_sensor, pose, model=_matt_model())
+    view = trace_view(_tracer(plate("primer")), small_sensor, pose, model=_matt_model())
     depth = view.tiles[0].depth_mm
     rows, columns = np.nonzero(np.isfinite(depth))
     pixels = np.stack([columns, rows], axis=-1)
@@ -75,7 +78,7 @@ def test_pattern_coordinates_are_the_projections_of_the_points(
     plate, small_sensor, before, with_lens
 ) -> None:
     sensor = with_lens(small_sensor)
-    view = trace_view(SceneTracer(plate("primer")), sensor, before(), model=_matt_model())
+    view = trace_view(_tracer(plate("primer")), sensor, before(), model=_matt_model())
     tile = view.tiles[0]
     rows, columns = np.nonzero(tile.direct)
     points = sensor.camera.back_project(
@@ -90,7 +93,7 @@ def test_pattern_coordinates_are_the_projections_of_the_points(
 def test_a_wall_throws_a_shadow_where_geometry_says(plate, small_sensor) -> None:
     pose = RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0]))
     # The projector stands at x = +220: behind a wall at x = 20 of 50 mm lies its shadow.
-    tracer = SceneTracer(plate("primer", wall_at_mm=20.0))
+    tracer = _tracer(plate("primer", wall_at_mm=20.0))
     tile = trace_view(tracer, small_sensor, pose, model=_matt_model()).tiles[0]
     lamp_x, lamp_z = 220.0, 80.0 - 600.0
     reach = 20.0 - (lamp_x - 20.0) * 50.0 / (-50.0 - lamp_z)  # where the ray over its edge lands
@@ -105,7 +108,7 @@ def test_nothing_is_lit_outside_the_pattern(plate, small_sensor, before) -> None
     lamp = small_sensor.projector
     narrow = replace(lamp, camera=replace(lamp.camera, fx=20000.0, fy=20000.0))
     sensor = replace(small_sensor, projector=narrow)
-    tile = trace_view(SceneTracer(plate("primer")), sensor, before(), model=_matt_model()).tiles[0]
+    tile = trace_view(_tracer(plate("primer")), sensor, before(), model=_matt_model()).tiles[0]
     lit = tile.direct > 0
     assert 0 < lit.sum() < np.isfinite(tile.depth_mm).sum()
     assert tile.row[lit].min() >= -0.5
@@ -114,14 +117,17 @@ def test_nothing_is_lit_outside_the_pattern(plate, small_sensor, before) -> None
 
 def test_two_views_of_one_spot_see_the_same_grain(plate, small_sensor) -> None:
     grainy = replace(MATT, grain_contrast=0.5)
-    model = LightModel(surfaces={**SURFACES, "primer": grainy}, camera=FLAT_LENS, indirect=False)
-    tracer = SceneTracer(plate("primer"))
+    model, tracer, even_tracer = (
+        _matt_model(),
+        _tracer(plate("primer"), grainy),
+        _tracer(plate("primer")),
+    )
     step = 20 * 600.0 / small_sensor.camera.fx  # moves the image by 20 px
     ratios = []
     for x in (0.0, step):
         pose = RigidTransform(translation_mm=np.array([x, 0.0, 600.0]))
         seen = trace_view(tracer, small_sensor, pose, model=model).tiles[0].direct
-        even = trace_view(tracer, small_sensor, pose, model=_matt_model()).tiles[0].direct
+        even = trace_view(even_tracer, small_sensor, pose, model=model).tiles[0].direct
         ratios.append(seen / np.where(even > 0, even, 1.0))
     here, there = ratios[0][130:170, 150:220], ratios[1][130:170, 170:240]
     assert here.std() > 0.05
@@ -158,10 +164,10 @@ def test_overlapping_boxes_are_joined() -> None:
 def test_one_bounce_agrees_with_an_integral_over_the_wall(plate, small_sensor) -> None:
     """G = ∫ f_r · L · cosθ · cosθ' / d² dA over the wall, L = f_r' · E of the projector."""
     pose = RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0]))
-    tracer = SceneTracer(plate("primer", wall_at_mm=-25.0))  # faces +x, towards the projector
+    tracer = _tracer(plate("primer", wall_at_mm=-25.0))  # faces +x, towards the projector
     model = _matt_model(indirect=True)
     view = trace_view(tracer, small_sensor, pose, model=model)
-    row = surface_table(model.surfaces)[FINISHES.index("primer")]
+    row = tracer.surfaces[FINISHES.index("primer")]
     y, z = np.meshgrid(np.arange(-42.0, 45.0, 6.0), -np.arange(2.5, 50.0, 5.0), indexing="ij")
     wall = np.stack([np.full_like(y, -25.0), y, z], axis=-1).reshape(-1, 3)
     lamp = pose.inverse() @ small_sensor.projector.camera_from_projector
@@ -201,7 +207,7 @@ def test_a_lone_sheet_has_no_bounce(plate, small_sensor, before) -> None:
 def test_ambient_light_is_a_share_of_the_projectors(plate, small_sensor, lighting) -> None:
     pose = small_sensor.camera_from_tcp
     model = _matt_model(lighting=lighting)
-    view = trace_view(SceneTracer(plate("primer")), small_sensor, pose, model=model, boxes=[BOX])
+    view = trace_view(_tracer(plate("primer")), small_sensor, pose, model=model, boxes=[BOX])
     tile = view.tiles[0]
     # At the TCP a square sheet gets the cosine of the projector's angle of its full light.
     lamp = small_sensor.projector.camera_from_projector
@@ -213,13 +219,10 @@ def test_ambient_light_is_a_share_of_the_projectors(plate, small_sensor, lightin
 
 
 def test_the_lens_dims_the_borders_by_cos_to_the_fourth(plate, small_sensor, before) -> None:
-    tracer = SceneTracer(plate("primer"))
-    surfaces = {**SURFACES, "primer": MATT}
+    tracer = _tracer(plate("primer"))
     seen = []
     for exponent in (0.0, 4.0):
-        model = LightModel(
-            surfaces=surfaces, camera=CameraLens(vignetting_exponent=exponent), indirect=False
-        )
+        model = LightModel(camera=CameraLens(vignetting_exponent=exponent), indirect=False)
         seen.append(trace_view(tracer, small_sensor, before(), model=model).tiles[0].direct)
     lit = seen[0] > 0
     square = 1 + (small_sensor.camera.rays() ** 2).sum(axis=-1)
@@ -227,7 +230,7 @@ def test_the_lens_dims_the_borders_by_cos_to_the_fourth(plate, small_sensor, bef
 
 
 def test_blur_is_least_at_the_tcp(plate, small_sensor) -> None:
-    tracer = SceneTracer(plate("primer"))
+    tracer = _tracer(plate("primer"))
     blurs = []
     for z in (450.0, 600.0, 750.0):
         pose = RigidTransform(translation_mm=np.array([0.0, 0.0, z]))
@@ -250,7 +253,7 @@ def test_a_lens_that_reaches_no_ray_sees_nothing_there(plate, small_sensor, befo
 
 def test_the_second_camera_sees_the_sheet_from_its_own_place(plate) -> None:
     sensor = sensor_preset("rc-visard-65")
-    tracer = SceneTracer(plate("primer"))
+    tracer = _tracer(plate("primer"))
     pose = RigidTransform(translation_mm=np.array([0.0, 0.0, 500.0]))
     left, right = (
         trace_view(tracer, sensor, pose, model=_matt_model(), camera_index=i) for i in (0, 1)

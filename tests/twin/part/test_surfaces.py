@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exposight.errors import InputError
-from exposight.twin.part import FINISHES, SURFACES, Surface
-from exposight.twin.part.surfaces import GRAIN_RMS, grain, reflectance, surface_table
+from exposight.twin.part import FINISHES, SURFACES, ClearCoat, SecondLobe, Surface
+from exposight.twin.part.reflectance import GRAIN_RMS, grain, reflectance
+from exposight.twin.part.surfaces import surface_table
 from exposight.twin.random_numbers import NORMAL_TABLE, stream_key
 
 NORMAL = (0.0, 0.0, -1.0)
@@ -95,8 +96,9 @@ def test_nothing_is_reflected_from_behind() -> None:
 
 def _grain_of_patch(stretch: float = 1.0) -> np.ndarray:
     x, y = np.meshgrid(np.arange(-60, 60, 0.5), np.arange(-60, 60, 0.5))
+    row = surface_table({"": replace(SURFACES["bare"], grain_stretch=stretch)})[0]
     return np.array(
-        [grain(a, b, 0.01 * a, stretch) for a, b in zip(x.ravel(), y.ravel(), strict=True)]
+        [grain(row, (a, b, 0.01 * a)) for a, b in zip(x.ravel(), y.ravel(), strict=True)]
     ).reshape(*x.shape, 3)
 
 
@@ -115,7 +117,7 @@ def test_the_three_noises_of_the_grain_are_independent() -> None:
 
 def test_grain_is_continuous_everywhere() -> None:
     x = np.linspace(-3.0, 3.0, 6001)
-    values = np.array([grain(a, 0.3, -0.2, 1.0)[0] for a in x])
+    values = np.array([grain(TABLE[0], (a, 0.3, -0.2))[0] for a in x])
     # A lattice value changes by 2 at most over 0.8 mm, 1.5 times as fast in the middle; the sum
     # of the octaves' slopes is below 15/8 of the finest one's.
     assert np.abs(np.diff(values)).max() < 2 * 1.5 / 0.8 / 4 * 15 / 8 * 0.001 * 1.01
@@ -129,11 +131,31 @@ def test_brushed_grain_is_longer_than_wide() -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{"diffuse_albedo": 0.9}, {"alpha_along": 0.0}, {"grain_contrast": 1.2}, {"grain_stretch": 0}],
+    [
+        {"alpha_along": 0.0},
+        {"grain_contrast": 1.2},
+        {"grain_stretch": 0},
+        {"grain_size_mm": 0.0},
+        {"brushed_along": (0.0, 0.0, 0.0)},
+        {"coat": ClearCoat(alpha=0.0)},
+        {"coat": ClearCoat(alpha=0.1, refractive_index=0.5)},
+        {
+            "second_lobe": SecondLobe(
+                share=1.5, mirror_reflectance=0.5, alpha_along=0.1, alpha_across=0.1
+            )
+        },
+    ],
 )
-def test_an_impossible_surface_is_refused(change: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="do not reflect more than comes in"):
+def test_an_impossible_surface_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="a surface needs shares from 0 to 1"):
         replace(SURFACES["bare"], **change)
+
+
+@pytest.mark.parametrize("surface", [("bare", 0.9), ("paint", 0.7)])
+def test_a_surface_that_gives_back_too_much_is_refused(surface: tuple[str, float]) -> None:
+    # Paint of albedo 0.7 would do so at grazing incidence alone.
+    with pytest.raises(InputError, match="must not reflect more than comes in"):
+        replace(SURFACES[surface[0]], diffuse_albedo=surface[1])
 
 
 def test_every_finish_has_a_surface() -> None:

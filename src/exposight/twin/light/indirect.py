@@ -11,7 +11,7 @@ part of the image is traced.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -21,8 +21,7 @@ from exposight.compiled import njit
 from exposight.geometry import PixelBox
 from exposight.twin.light.optics import SceneTracer
 from exposight.twin.light.shading import NUDGE_MM, Lamp, LitHits, light_along_rays
-from exposight.twin.part import Finish, Surface
-from exposight.twin.part.surfaces import reflectance, row, surface_table, tangents, unit
+from exposight.twin.part.reflectance import reflectance, row, tangents, unit
 from exposight.twin.random_numbers import mix_bits, stream_key
 
 GRID_PX = 4
@@ -56,7 +55,6 @@ def bounce(
     depth_mm: NDArray[np.float32],
     box: PixelBox,
     image_shape: tuple[int, int],
-    surfaces: Mapping[Finish, Surface],
 ) -> NDArray[np.float32]:
     """Return the radiance that one bounce of the fully lit projector adds to every pixel.
 
@@ -74,8 +72,6 @@ def bounce(
         The pixels wanted.
     image_shape : (int, int)
         Rows and columns of the whole image.
-    surfaces : mapping of Finish to Surface
-        How each finish reflects.
 
     Returns
     -------
@@ -92,13 +88,11 @@ def bounce(
         rows = np.minimum(rows, image_shape[0] - 1)
         grid = np.meshgrid(rows, columns, indexing="ij")
         origins, directions = eye_rays(grid[0].ravel(), grid[1].ravel())
-        seen = light_along_rays(tracer, lamp, origins, directions, surfaces, with_grain=False)
+        seen = light_along_rays(tracer, lamp, origins, directions, with_grain=False)
         pixel = (grid[0] * image_shape[1] + grid[1]).ravel().astype(np.uint64)
         band = slice(start - top, start - top + rows.size)
         depth[band] = seen.distance.reshape(rows.size, -1)
-        radiance[band] = _gathered(tracer, lamp, seen, directions, pixel, surfaces).reshape(
-            rows.size, -1
-        )
+        radiance[band] = _gathered(tracer, lamp, seen, directions, pixel).reshape(rows.size, -1)
     full = np.zeros(depth_mm.shape, dtype=np.float32)
     _spread(_smoothed(radiance, depth), depth, depth_mm, box.top, box.left, top, left, full)
     return full
@@ -110,21 +104,24 @@ def _gathered(
     seen: LitHits,
     directions: NDArray[np.float32],
     pixel: NDArray[np.uint64],
-    surfaces: Mapping[Finish, Surface],
 ) -> NDArray[np.float32]:
     result = np.zeros(len(pixel), dtype=np.float32)
     on_part = np.flatnonzero(np.isfinite(seen.distance))
     if not on_part.size:
         return result
-    table = surface_table(surfaces)
     n_rays = on_part.size * _SIDE * _SIDE
     out_origins = np.empty((n_rays, 3), dtype=np.float32)
     out_directions = np.empty((n_rays, 3), dtype=np.float32)
     normals, positions = seen.normal[on_part], seen.position_mm[on_part]
     _scatter(positions, normals, pixel[on_part], out_origins, out_directions)
-    other = light_along_rays(tracer, lamp, out_origins, out_directions, surfaces, with_grain=False)
+    other = light_along_rays(tracer, lamp, out_origins, out_directions, with_grain=False)
     result[on_part] = _received(
-        other.radiance, out_directions, normals, directions[on_part], seen.finish[on_part], table
+        other.radiance,
+        out_directions,
+        normals,
+        directions[on_part],
+        seen.finish[on_part],
+        tracer.surfaces,
     )
     return result
 
@@ -141,7 +138,7 @@ def _scatter(
     count = _SIDE * _SIDE
     for i in numba.prange(len(positions)):
         normal = unit(row(normals, i))
-        along, across = tangents(normal)
+        along, across = tangents(normal, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
         for s in range(count):
             bits = mix_bits(_KEY, pixel[i] * np.uint64(count) + np.uint64(s))
             jitter_a = np.float64(np.int64(bits >> np.uint64(40))) / (1 << 24)

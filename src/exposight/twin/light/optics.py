@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from exposight.cell import ActiveSensor, Projector
 from exposight.errors import SensorError
 from exposight.twin.part import Scene
+from exposight.twin.part.surfaces import surface_table
 
 Lighting = Literal["I", "II", "III"]
 """Scenarios of Sect. 4.1 of the paper: I closed cell, II its LED on, III cell open to the hall."""
@@ -137,6 +138,7 @@ class SceneTracer:
     def __init__(self, scene: Scene) -> None:
         self.faces = scene.faces
         self.face_finish = scene.face_finish
+        self.surfaces = surface_table(scene.surfaces)
         self.vertex_normals = np.ascontiguousarray(scene.normals(), dtype=np.float32)
         self._embree = EmbreeScene()
         vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)

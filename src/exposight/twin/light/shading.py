@@ -11,7 +11,6 @@ from the pattern's blur there; both are kept.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numba
@@ -24,15 +23,18 @@ from exposight.errors import SensorError
 from exposight.geometry import RigidTransform
 from exposight.geometry.cameras import distort_point
 from exposight.twin.light.optics import MISS_MM, ProjectorLens, SceneTracer, projector_of
-from exposight.twin.part import Finish, Surface
-from exposight.twin.part.surfaces import (
+from exposight.twin.part.reflectance import (
+    CONTRAST,
+    EVEN,
+    EVEN_COAT,
     GRAIN_RMS,
+    NOISE,
     Vector,
+    axis,
     dot,
     grain,
     reflectance,
     row,
-    surface_table,
     tangents,
     unit,
 )
@@ -136,7 +138,7 @@ class LitHits:
     position_mm, normal : (n, 3) ndarray of float32
         The point in the part's frame and the normal there, grain included.
     finish : (n,) ndarray of uint8
-        Index into `FINISHES`.
+        Index into the scene's surfaces.
     """
 
     distance: NDArray[np.float32]
@@ -155,7 +157,6 @@ def light_along_rays(
     lamp: Lamp,
     origins: NDArray[np.float32],
     directions: NDArray[np.float32],
-    surfaces: Mapping[Finish, Surface],
     *,
     with_grain: bool = True,
 ) -> LitHits:
@@ -169,8 +170,6 @@ def light_along_rays(
         The projector.
     origins, directions : (n, 3) ndarray of float32, mm
         Rays in the part's frame.
-    surfaces : mapping of Finish to Surface
-        How each finish reflects.
     with_grain : bool
         False for the smooth mean of every surface.
     """
@@ -195,7 +194,7 @@ def light_along_rays(
         distance,
         (face, u, v, normal),
         (tracer.faces, tracer.vertex_normals, tracer.face_finish),
-        surface_table(surfaces),
+        tracer.surfaces,
         with_grain,
         (lamp.centre_mm, lamp.rotation, lamp.translation_mm),
         (lamp.image_from_distorted, lamp.coefficients, lamp.numbers),
@@ -279,9 +278,9 @@ def _add_grain(
     p: Vector, normal: Vector, to_eye: Vector, surface: NDArray[np.float64]
 ) -> tuple[Vector, float]:
     """Return the tilted normal and the factor on the reflectance at a point."""
-    value, tilt_along, tilt_across = grain(p[0], p[1], p[2], surface[6])
-    along, across = tangents(normal)
-    a, b = tilt_along * surface[5] / GRAIN_RMS, tilt_across * surface[5] / GRAIN_RMS
+    value, tilt_along, tilt_across = grain(surface, p)
+    along, across = tangents(normal, axis(surface, 0), axis(surface, 1))
+    a, b = tilt_along * surface[NOISE] / GRAIN_RMS, tilt_across * surface[NOISE] / GRAIN_RMS
     tilted = unit(
         (
             normal[0] + a * along[0] + b * across[0],
@@ -289,7 +288,7 @@ def _add_grain(
             normal[2] + a * along[2] + b * across[2],
         )
     )
-    factor = 1.0 + surface[4] * value
+    factor = 1.0 + surface[CONTRAST] * value
     if dot(tilted, to_eye) <= 0.0:
         return normal, factor
     return tilted, factor
@@ -346,7 +345,7 @@ def _light(
         factor = 1.0
         if with_grain:
             normal, factor = _add_grain(p, normal, to_eye, surface)
-        numbers[4, i] = (surface[0] + surface[1]) * factor
+        numbers[4, i] = surface[EVEN] * factor + surface[EVEN_COAT]
         for j in range(3):
             positions[i, j] = p[j]
             normals[i, j] = normal[j]
@@ -361,7 +360,7 @@ def _light(
         cos_i = dot(normal, to_lamp)
         if cos_i <= 0.0 or dot(facet, to_lamp) <= 0.0:
             continue
-        f_r = reflectance(surface, normal, to_lamp, to_eye) * factor
+        f_r = reflectance(surface, normal, to_lamp, to_eye, factor)
         numbers[0, i] = f_r * cos_i / (r2 * cos_p * cos_p * cos_p)
         numbers[1, i], numbers[2, i] = u, v
         defocus = lamp[4] * abs(1.0 / z - 1.0 / lamp[5])

@@ -5,7 +5,7 @@ and every pattern at every exposure time follows by arithmetic (`exposight.twin.
 A view is traced as a whole, or in boxes round the features only; a pixel's light is the same.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,6 @@ from exposight.geometry import PinholeCamera, PixelBox, RigidTransform
 from exposight.twin.light import optics
 from exposight.twin.light.indirect import bounce
 from exposight.twin.light.shading import Lamp, lamp_of, light_along_rays
-from exposight.twin.part import SURFACES, Finish, Surface
 
 HALO_PX = 2
 """Pixels traced beyond a box on every side, from which the lens spreads light into it."""
@@ -37,8 +36,6 @@ class LightModel:
         Point spread and vignetting.
     lighting : {'I', 'II', 'III'}
         Light besides the projector's (Sect. 4.1 of the paper).
-    surfaces : mapping of Finish to Surface
-        How each finish reflects.
     indirect : bool
         Whether light takes the way by a second surface.
     """
@@ -46,7 +43,6 @@ class LightModel:
     projector: optics.ProjectorLens = field(default_factory=optics.ProjectorLens)
     camera: optics.CameraLens = field(default_factory=optics.CameraLens)
     lighting: optics.Lighting = "I"
-    surfaces: Mapping[Finish, Surface] = field(default_factory=lambda: SURFACES)
     indirect: bool = True
 
 
@@ -170,7 +166,7 @@ def trace_view(
     camera_from_part : RigidTransform
         Where the part stands, seen from the first camera.
     model : LightModel, optional
-        Lenses, lighting, surfaces.
+        Lenses and lighting.
     boxes : sequence of PixelBox, optional
         Pixels to trace, the whole frame by default. Boxes that overlap are joined.
     camera_index : int
@@ -270,7 +266,7 @@ def _trace_tile(
         band = slice(start - traced.top, start - traced.top + band_rows.size)
         dimmed = _dimming(camera, rows, cols, model.camera.vignetting_exponent)
         dimming[band] = dimmed.reshape(shape)
-        lit = light_along_rays(tracer, lamp, *eye.rays(rows, cols), model.surfaces)
+        lit = light_along_rays(tracer, lamp, *eye.rays(rows, cols))
         direct[band] = (lit.radiance * dimmed).reshape(shape)
         column[band] = lit.column.reshape(shape)
         row[band] = lit.row.reshape(shape)
@@ -281,7 +277,7 @@ def _trace_tile(
     indirect = np.zeros_like(ambient)
     if model.indirect:
         image_shape = (camera.height, camera.width)
-        indirect = bounce(tracer, lamp, eye.rays, depth, traced, image_shape, model.surfaces)
+        indirect = bounce(tracer, lamp, eye.rays, depth, traced, image_shape)
         indirect *= dimming
     return TileLight(
         box=box,

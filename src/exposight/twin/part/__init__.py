@@ -20,4 +20,4 @@ from exposight.twin.part.sheet_shape import (
     RoundedPolygon,
     SheetShape,
 )
-from exposight.twin.part.surfaces import FINISHES, SURFACES, Finish, Surface
+from exposight.twin.part.surfaces import FINISHES, SURFACES, ClearCoat, Finish, SecondLobe, Surface

@@ -1,7 +1,8 @@
 """A scene: a closed mesh, the finish of each triangle, and the features that are measured on it."""
 
 import io
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.cell import ActiveSensor, Feature, Part, read_features, write_features, write_sensor
 from exposight.files import make_folder, write_durably
-from exposight.twin.part.surfaces import FINISHES
+from exposight.twin.part.surfaces import FINISHES, SURFACES, Surface
 
 _REACH_MM = 5.0
 """A feature's ring ends this far beyond its edge, so there must be mesh at least that near."""
@@ -29,9 +30,11 @@ class Scene:
     faces : (m, 3) ndarray of int32
         Corners of the triangles, anticlockwise seen from outside the material.
     face_finish : (m,) ndarray of uint8
-        Index of each triangle's finish in `FINISHES`.
+        Index of each triangle's finish in `surfaces`.
     part : Part
         The part and its features.
+    surfaces : mapping of str to Surface
+        How each finish reflects; the order is that of the indices.
 
     Raises
     ------
@@ -43,12 +46,13 @@ class Scene:
     faces: NDArray[np.int32]
     face_finish: NDArray[np.uint8]
     part: Part
+    surfaces: Mapping[str, Surface] = field(default_factory=lambda: SURFACES)
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
         faces = np.ascontiguousarray(self.faces, dtype=np.int32)
         finish = np.ascontiguousarray(self.face_finish, dtype=np.uint8)
-        fault = _fault(vertices, faces, finish)
+        fault = _fault(vertices, faces, finish, tuple(self.surfaces))
         if fault:
             msg = f"the mesh of part {self.part.name!r}: {fault}"
             raise errors.InputError(msg)
@@ -97,7 +101,10 @@ class Scene:
 
 
 def _fault(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], finish: NDArray[np.uint8]
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    finish: NDArray[np.uint8],
+    names: tuple[str, ...],
 ) -> str:
     for name, array in (("vertices", vertices), ("faces", faces)):
         if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
@@ -111,8 +118,8 @@ def _fault(
         )
     if finish.shape != (len(faces),):
         return f"face_finish needs one entry for each of {len(faces)} faces, got {finish.shape}"
-    if finish.max() >= len(FINISHES):
-        named = ", ".join(f"{i} {name}" for i, name in enumerate(FINISHES))
+    if finish.max() >= len(names):
+        named = ", ".join(f"{i} {name}" for i, name in enumerate(names))
         return f"face_finish must be one of {named}, got {finish.max()}"
     return ""
 

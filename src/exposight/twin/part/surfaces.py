@@ -1,34 +1,60 @@
-"""How sheet metal reflects light: microfacets and a diffuse part, with grain fixed to the part.
+"""What finishes are made of: a diffuse part, microfacets, a clear coat, and grain.
 
-The radiance that a surface sends to a camera, for unit irradiance, is
-
-    f_r = (ρ_d/π + D·G₂·F / (4·cosθ_i·cosθ_o)) · (1 + c·g)
-
-with the anisotropic GGX distribution D and its height-correlated masking G₂ (Heitz, *Understanding
-the masking-shadowing function*, JCGT 2014), Schlick's Fresnel term F, and the grain g. GGX stands
-for roughness finer than a pixel; the grain for what a camera resolves. It is value noise in part
-coordinates, so that two views of one spot see the same grain: several octaves, as the lattice of a
-single one would show. The same lattice carries two more values that tilt the surface's normal.
+How they reflect is in `exposight.twin.part.reflectance`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.compiled import njit
 from exposight.errors import InputError
-from exposight.twin.random_numbers import mix_bits, stream_key
 
 Finish = Literal["bare", "primer", "paint", "brushed"]
-FINISHES: tuple[Finish, ...] = ("bare", "primer", "paint", "brushed")
-"""Finishes in the order of a scene's `face_finish`."""
+FINISHES: tuple[Finish, ...] = get_args(Finish)
+"""The finishes in `SURFACES`, in its order."""
+
+_POLAR_DEG = (0.0, 30.0, 50.0, 60.0, 70.0, 75.0, 80.0, 85.0, 88.0, 89.5)  # where energy is checked
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondLobe:
+    """Microfacets beside a surface's first ones, such as a haze about a gloss.
+
+    Parameters
+    ----------
+    share : float
+        Share of the surface that they cover; the first ones cover the rest.
+    mirror_reflectance, alpha_along, alpha_across : float
+        As in `Surface`.
+    """
+
+    share: float
+    mirror_reflectance: float
+    alpha_along: float
+    alpha_across: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClearCoat:
+    """A clear layer that reflects at its top and lets the rest through to the surface below.
+
+    Parameters
+    ----------
+    alpha : float
+        GGX roughness of its top.
+    refractive_index : float
+        1.5, F₀ = 0.04, is what glTF's KHR_materials_clearcoat takes for every lacquer.
+    """
+
+    alpha: float
+    refractive_index: float = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +68,22 @@ class Surface:
     mirror_reflectance : float
         F₀: Fresnel reflectance at normal incidence.
     alpha_along, alpha_across : float
-        GGX roughness along and across the part's x axis (the brushing direction).
+        GGX roughness along and across the brushing direction.
     grain_contrast : float
         c: the reflectance varies between (1 − c) and (1 + c) times its mean.
     normal_noise_rad : float, rad
         Root mean square of the tilt that the grain gives the surface's normal, about each axis.
     grain_stretch : float
-        How much longer than wide the grain is, along the part's x axis.
+        How much longer than wide the grain is, along the brushing direction.
+    grain_size_mm : float, mm
+        Width of the finest grain that is resolved; anything finer is in α. By default 2.5 pixels
+        of the structured-light sensor on its far plane, so that every view resolves the same.
+    brushed_along : (float, float, float)
+        Brushing direction in the part's frame, of any length; it is projected onto the surface.
+    second_lobe : SecondLobe, optional
+        More microfacets.
+    coat : ClearCoat, optional
+        What lies over all this. The grain tilts it and leaves its reflectance as it is.
 
     Raises
     ------
@@ -60,28 +95,132 @@ class Surface:
     mirror_reflectance: float
     alpha_along: float
     alpha_across: float
-    grain_contrast: float
-    normal_noise_rad: float
+    grain_contrast: float = 0.0
+    normal_noise_rad: float = 0.0
     grain_stretch: float = 1.0
+    grain_size_mm: float = 0.8
+    brushed_along: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    second_lobe: SecondLobe | None = None
+    coat: ClearCoat | None = None
 
     def __post_init__(self) -> None:
-        shares = (self.diffuse_albedo, self.mirror_reflectance, self.grain_contrast)
-        alphas = (self.alpha_along, self.alpha_across)
+        lobes = self._lobes
+        coat = self.coat or ClearCoat(alpha=1.0)
+        shares = [
+            self.diffuse_albedo,
+            self.grain_contrast,
+            *(x for s, f, *_ in lobes for x in (s, f)),
+        ]
+        alphas = [coat.alpha, *(alpha for lobe in lobes for alpha in lobe[2:])]
         if not (
-            all(0 <= share < 1 for share in shares)
-            and self.diffuse_albedo + self.mirror_reflectance <= 1
+            all(0 <= share <= 1 for share in shares)
             and all(0 < alpha <= 1 for alpha in alphas)
+            and 1 <= coat.refractive_index <= 4
             and 0 <= self.normal_noise_rad < 0.2
             and 1 <= self.grain_stretch < math.inf
+            and 0.01 <= self.grain_size_mm < math.inf
+            and 0 < math.hypot(*self.brushed_along) < math.inf
         ):
             msg = (
-                "a surface needs shares from 0 to 1 that do not reflect more than comes in, GGX "
-                f"roughness above 0 and up to 1, and small normal noise, got {self}"
+                "a surface needs shares from 0 to 1, GGX roughness above 0 and up to 1, normal "
+                "noise below 0.2 rad, a grain stretch of 1 or more and size of 0.01 mm or more, a "
+                "brushing direction other than 0, and a coat's refractive index from 1 to 4, got "
+                f"{self}"
             )
             raise InputError(msg)
+        even = all(along == across for _, _, along, across in lobes)
+        for polar, azimuth in ((p, a) for p in _POLAR_DEG for a in ((0,) if even else (0, 45, 90))):
+            albedo = self.albedo(polar, azimuth)
+            if albedo > 1:
+                msg = (
+                    f"a surface must not reflect more than comes in, got {albedo:.0%} of light at "
+                    f"{polar:g}° off its normal from {self}; lower diffuse_albedo or "
+                    "mirror_reflectance, or give it its gloss by a coat, which shades what is below"
+                )
+                raise InputError(msg)
+
+    @property
+    def _lobes(self) -> list[tuple[float, float, float, float]]:
+        """Share, F₀ and roughness along and across of the microfacets."""
+        first = (self.mirror_reflectance, self.alpha_along, self.alpha_across)
+        second = self.second_lobe
+        if second is None:
+            return [(1.0, *first)]
+        more = (second.mirror_reflectance, second.alpha_along, second.alpha_across)
+        return [(1.0 - second.share, *first), (second.share, *more)]
+
+    def albedo(self, polar_deg: float, azimuth_deg: float = 0.0) -> float:
+        """Return the share of a beam that is reflected in any direction, without grain.
+
+        A mean over the normals that the beam meets (Heitz, *Sampling the GGX distribution of
+        visible normals*, JCGT 2018), good to 0.01.
+
+        Parameters
+        ----------
+        polar_deg, azimuth_deg : float, degrees
+            Where the beam comes from: angle off the normal, and from the brushing direction.
+        """
+        t, a = math.radians(polar_deg), math.radians(azimuth_deg)
+        beam = np.array([math.sin(t) * math.cos(a), math.sin(t) * math.sin(a), math.cos(t)])
+        index = 1.0 if self.coat is None else self.coat.refractive_index
+
+        def passed(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+            return 1.0 - _dielectric(cosine, index)
+
+        below = self.diffuse_albedo * passed(np.sqrt((np.arange(64) + 0.5) / 64)).mean()
+        for share, f0, along, across in self._lobes:
+            out, cosine, weight = _mirrored(beam, along, across)
+            schlick = f0 + (1.0 - f0) * (1.0 - cosine) ** 5
+            below += share * (weight * schlick * passed(out)).mean()
+        albedo = passed(beam[2:])[0] * below
+        if self.coat is not None:
+            _, cosine, weight = _mirrored(beam, self.coat.alpha, self.coat.alpha)
+            albedo += (weight * _dielectric(cosine, index)).mean()
+        return float(albedo)
 
 
-SURFACES: Mapping[Finish, Surface] = MappingProxyType(
+def _dielectric(cosine: NDArray[np.float64], index: float) -> NDArray[np.float64]:
+    """Return the reflectance of unpolarised light by Fresnel's equations."""
+    inside = np.sqrt(index**2 - 1.0 + cosine**2)
+    s = (cosine - inside) / (cosine + inside)
+    p = (index**2 * cosine - inside) / (index**2 * cosine + inside)
+    return np.asarray((s**2 + p**2) / 2.0)
+
+
+def _mirrored(
+    beam: NDArray[np.float64], along: float, across: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return where GGX facets send a beam, evenly over those that it meets.
+
+    The cosine off the surface's normal, that off the facet's, and the share not masked.
+    """
+    u = (np.arange(16) + 0.5) / 16
+    radius, angle = np.meshgrid(np.sqrt(u), 2.0 * np.pi * u)
+    x, y = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
+    ax = np.array([along, across, 1.0])
+    stretched = ax * beam / np.linalg.norm(ax * beam)
+    level = math.hypot(stretched[0], stretched[1])
+    first = np.array([-stretched[1], stretched[0], 0.0]) / level if level else np.eye(3)[0]
+    s = 0.5 * (1.0 + stretched[2])
+    y = (1.0 - s) * np.sqrt(1.0 - x**2) + s * y
+    z = np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))
+    facet = np.outer(x, first) + np.outer(y, np.cross(stretched, first)) + np.outer(z, stretched)
+    facet *= ax
+    facet /= np.linalg.norm(facet, axis=1, keepdims=True)
+    cosine = facet @ beam
+    out = 2.0 * cosine[:, None] * facet - beam
+    lit = out[:, 2] > 1e-9
+    out[~lit] = 0.0, 0.0, 1.0
+
+    def hidden(v: NDArray[np.float64]) -> NDArray[np.float64]:
+        slope = ((v[..., :2] * ax[:2]) ** 2).sum(axis=-1) / v[..., 2] ** 2
+        return np.asarray((np.sqrt(1.0 + slope) - 1.0) / 2.0)
+
+    at_beam = hidden(beam)
+    return out[:, 2], cosine, np.where(lit, (1.0 + at_beam) / (1.0 + at_beam + hidden(out)), 0.0)
+
+
+SURFACES: Mapping[str, Surface] = MappingProxyType(
     {
         # Bare, primer and paint: the values with which the twin's first prototype reproduced the
         # paper's Fig. 10 (rise to 25 grey levels, plateau, fall from 120 to 150).
@@ -123,145 +262,43 @@ SURFACES: Mapping[Finish, Surface] = MappingProxyType(
         ),
     }
 )
-"""What each finish is made of, the only place with these numbers."""
+"""The finishes that every scene knows by name, the only place with these numbers."""
 
 
-def surface_table(
-    surfaces: Mapping[Finish, Surface] = SURFACES,
-) -> NDArray[np.float64]:
-    """Pack surfaces into a (finishes, 7) table in the order of `FINISHES`, for compiled loops."""
-    return np.array([astuple(surfaces[finish]) for finish in FINISHES])
+def surface_table(surfaces: Mapping[str, Surface] = SURFACES) -> NDArray[np.float64]:
+    """Pack surfaces into a table for compiled loops, a row each, in their order.
 
-
-# -- reflectance ------------------------------------------------------------------------------
-
-
-@njit(error_model="numpy")
-def reflectance(
-    surface: NDArray[np.float64], normal: Vector, to_light: Vector, to_eye: Vector
-) -> float:
-    """Return f_r in 1/sr, without grain; 0 where light or eye is behind the surface.
-
-    Parameters
-    ----------
-    surface : (7,) ndarray
-        A row of `surface_table`.
-    normal, to_light, to_eye : (float, float, float)
-        Unit vectors in the part's frame, away from the surface.
+    Its columns are named in `exposight.twin.part.reflectance`.
     """
-    cos_i, cos_o = dot(normal, to_light), dot(normal, to_eye)
-    if cos_i <= 0.0 or cos_o <= 0.0:
-        return 0.0
-    half = unit((to_light[0] + to_eye[0], to_light[1] + to_eye[1], to_light[2] + to_eye[2]))
-    along, across = tangents(normal)
-    ax, ay = surface[2], surface[3]
-    hx, hy, hz = dot(half, along) / ax, dot(half, across) / ay, dot(half, normal)
-    square = hx * hx + hy * hy + hz * hz
-    distribution = 1.0 / (math.pi * ax * ay * square * square)
-    # Heitz 2014, with the denominator 4·cosθ_i·cosθ_o already divided out.
-    ix, iy = ax * dot(to_light, along), ay * dot(to_light, across)
-    ox, oy = ax * dot(to_eye, along), ay * dot(to_eye, across)
-    shadowed = cos_o * math.sqrt(ix * ix + iy * iy + cos_i * cos_i)
-    masked = cos_i * math.sqrt(ox * ox + oy * oy + cos_o * cos_o)
-    visible = 0.5 / (shadowed + masked)
-    c = 1.0 - dot(half, to_eye)
-    fresnel = surface[1] + (1.0 - surface[1]) * c * c * c * c * c
-    return float(surface[0] / math.pi + distribution * visible * fresnel)
+    return np.array([_packed(surface) for surface in surfaces.values()])
 
 
-# -- grain ------------------------------------------------------------------------------------
-
-GRAIN_SPACING_MM = 0.8
-"""Finest lattice: 2.5 pixels of the structured-light sensor on its far plane, so that every view
-resolves the same grain. Anything finer is in GGX's α."""
-GRAIN_OCTAVES = 4  # 0.8, 1.6, 3.2 and 6.4 mm
-GRAIN_RMS = 0.185
-"""Root mean square of `grain`'s values on a surface: √(⅓ · 0.743³ / 4), 0.743 being the mean of the
-squared weights of smooth interpolation along an axis and ⅓ the variance of a lattice value."""
-
-_KEY = stream_key(0x6772A1)  # any other number gives another sheet of the same kind
-_ROW, _PLANE, _OCTAVE = np.uint64(1 << 20), np.uint64(1 << 40), np.uint64(1 << 60)
-_MASK20, _MASK21 = np.uint64((1 << 20) - 1), np.uint64((1 << 21) - 1)
-_21, _42 = np.uint64(21), np.uint64(42)
-
-
-@njit(inline="always", error_model="numpy")
-def _smooth(t: float) -> float:
-    return t * t * (3.0 - 2.0 * t)
-
-
-@njit(error_model="numpy")
-def grain(x_mm: float, y_mm: float, z_mm: float, stretch: float) -> Vector:
-    """Return three independent noises at a point of the part, each between −1 and 1, mean 0.
-
-    Parameters
-    ----------
-    x_mm, y_mm, z_mm : float, mm
-        The point in the part's frame.
-    stretch : float
-        How much longer the grain is along x.
-    """
-    g0, g1, g2 = 0.0, 0.0, 0.0
-    spacing = GRAIN_SPACING_MM
-    for octave in range(GRAIN_OCTAVES):
-        # An offset by octave keeps the lattices' planes from falling together.
-        x = x_mm / (spacing * stretch) + 0.37 * octave
-        y = y_mm / spacing + 0.71 * octave
-        z = z_mm / spacing + 0.13 * octave
-        fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
-        tx, ty, tz = _smooth(x - fx), _smooth(y - fy), _smooth(z - fz)
-        ix, iy, iz = np.int64(fx), np.int64(fy), np.int64(fz)
-        for corner in range(8):
-            dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
-            weight = (tx if dx else 1.0 - tx) * (ty if dy else 1.0 - ty) * (tz if dz else 1.0 - tz)
-            cell = (
-                (np.uint64(ix + dx) & _MASK20)
-                + (np.uint64(iy + dy) & _MASK20) * _ROW
-                + (np.uint64(iz + dz) & _MASK20) * _PLANE
-                + np.uint64(octave) * _OCTAVE
-            )
-            bits = mix_bits(_KEY, cell)
-            g0 += weight * np.float64(np.int64(bits & _MASK21))
-            g1 += weight * np.float64(np.int64((bits >> _21) & _MASK21))
-            g2 += weight * np.float64(np.int64((bits >> _42) & _MASK21))
-        spacing *= 2.0
-    scale = 2.0 / (GRAIN_OCTAVES * np.float64((1 << 21) - 1))
-    return g0 * scale - 1.0, g1 * scale - 1.0, g2 * scale - 1.0
-
-
-Vector = tuple[float, float, float]
-
-
-@njit(inline="always", error_model="numpy")
-def row(a: NDArray[np.float32], i: int) -> Vector:
-    """Return row i of an (n, 3) array."""
-    return np.float64(a[i, 0]), np.float64(a[i, 1]), np.float64(a[i, 2])
-
-
-@njit(inline="always", error_model="numpy")
-def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(inline="always", error_model="numpy")
-def unit(a: Vector) -> Vector:
-    """Return a vector of length 1 in the same direction."""
-    scale = 1.0 / math.sqrt(dot(a, a))
-    return a[0] * scale, a[1] * scale, a[2] * scale
-
-
-@njit(inline="always", error_model="numpy")
-def tangents(normal: Vector) -> tuple[Vector, Vector]:
-    """Return unit vectors along and across the part's x axis in the surface with this normal."""
-    x, y, z = normal
-    if abs(x) < 0.9:
-        along = unit((1.0 - x * x, -x * y, -x * z))
-    else:
-        along = unit((-x * y, 1.0 - y * y, -y * z))
-    across = (
-        y * along[2] - z * along[1],
-        z * along[0] - x * along[2],
-        x * along[1] - y * along[0],
-    )
-    return along, across
+def _packed(surface: Surface) -> list[float]:
+    first, second = (*surface._lobes, (0.0, 0.0, 1.0, 1.0))[:2]
+    along = np.array(surface.brushed_along) / math.hypot(*surface.brushed_along)
+    spare = np.eye(3)[1 if abs(along[1]) < 0.9 else 2]
+    across = spare - (spare @ along) * along
+    across /= np.linalg.norm(across)
+    index, coat_alpha = 1.0, 1.0
+    if surface.coat is not None:
+        index, coat_alpha = surface.coat.refractive_index, surface.coat.alpha
+    top = ((index - 1.0) / (index + 1.0)) ** 2
+    below = surface.diffuse_albedo + surface.mirror_reflectance
+    if second[0]:
+        below = surface.diffuse_albedo + first[0] * first[1] + second[0] * second[1]
+    return [
+        surface.diffuse_albedo,
+        *first[1:],
+        *second,
+        index,
+        coat_alpha,
+        below * (1.0 - top) ** 2,
+        top,
+        surface.grain_contrast,
+        surface.normal_noise_rad,
+        surface.grain_stretch * surface.grain_size_mm,
+        surface.grain_size_mm,
+        *along,
+        *across,
+        *np.cross(along, across),
+    ]

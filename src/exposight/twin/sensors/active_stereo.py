@@ -70,7 +70,7 @@ class DotSensor:
     sensor : ActiveSensor
         With two cameras, the left one first, and a projector.
     light : LightModel
-        Lenses, lighting, surfaces.
+        Lenses and lighting.
     electronics : CameraElectronics
         Of the first camera; the second has a fixed pattern of its own and is else alike.
     depth_limits_mm : (float, float), mm

@@ -72,7 +72,7 @@ class StripeSensor:
     sensor : ActiveSensor
         With a projector as wide and high as the sequence's.
     light : LightModel
-        Lenses, lighting, surfaces.
+        Lenses and lighting.
     electronics : CameraElectronics
         Of the first camera.
     sequence : PatternSequence, optional
