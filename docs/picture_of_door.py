@@ -68,7 +68,7 @@ def _shaded(scene: Scene, tracer: SceneTracer, side: _Side) -> NDArray[np.float6
     distance, face, u, v, _ = tracer.first_hits(origins, directions)
     met = distance < MISS_MM
     faces = np.where(met, face, 0)
-    corners = scene.normals()[scene.faces[faces]]
+    corners = scene.corner_normals()[faces]
     weights = np.stack([1 - u - v, u, v], axis=-1)
     normal = np.einsum("nij,ni->nj", corners, weights)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -46,11 +46,6 @@ def test_a_closed_box_is_fine(box):
     assert box.volume_mm3() == pytest.approx(100 * 80 * 2)
 
 
-def test_smooth_normals_of_a_box_point_out_of_its_corners(box):
-    expected = np.sign(box.vertices) / np.sqrt(3)
-    assert box.normals() == pytest.approx(expected, abs=1e-12)
-
-
 def changed(scene, **arrays):
     return dataclasses.replace(scene, **arrays)
 

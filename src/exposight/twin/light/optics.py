@@ -136,10 +136,9 @@ class SceneTracer:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.faces = scene.faces
         self.face_finish = scene.face_finish
         self.surfaces = surface_table(scene.surfaces)
-        self.vertex_normals = np.ascontiguousarray(scene.normals(), dtype=np.float32)
+        self.corner_normals = scene.corner_normals().reshape(-1, 3)
         self._embree = EmbreeScene()
         vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)
         self._mesh = TriangleMesh(self._embree, vertices, scene.faces)

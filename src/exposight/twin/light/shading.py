@@ -41,8 +41,6 @@ from exposight.twin.part.reflectance import (
 
 NUDGE_MM = 0.02
 """How far a shadow ray starts off the surface: a hundred times Embree's rounding."""
-_FACET_COSINE = math.cos(math.radians(30.0))
-"""A smooth normal farther than this from its triangle's belongs to an edge: take the triangle's."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +191,7 @@ def light_along_rays(
         directions,
         distance,
         (face, u, v, normal),
-        (tracer.faces, tracer.vertex_normals, tracer.face_finish),
+        (tracer.corner_normals, tracer.face_finish),
         tracer.surfaces,
         with_grain,
         (lamp.centre_mm, lamp.rotation, lamp.translation_mm),
@@ -218,29 +216,24 @@ def _normals(
     v: float,
     facet: Vector,
     to_eye: Vector,
-    faces: NDArray[np.int32],
-    vertex_normals: NDArray[np.float32],
+    corner_normals: NDArray[np.float32],
 ) -> tuple[Vector, Vector]:
     """Return the triangle's and the smooth unit normal, both towards the eye."""
-    if dot(facet, to_eye) < 0.0:
-        facet = (-facet[0], -facet[1], -facet[2])
-    facet = unit(facet)
-    a = row(vertex_normals, faces[face, 0])
-    b = row(vertex_normals, faces[face, 1])
-    c = row(vertex_normals, faces[face, 2])
+    a = row(corner_normals, 3 * face)
+    b = row(corner_normals, 3 * face + 1)
+    c = row(corner_normals, 3 * face + 2)
     w = 1.0 - u - v
     smooth = (
         w * a[0] + u * b[0] + v * c[0],
         w * a[1] + u * b[1] + v * c[1],
         w * a[2] + u * b[2] + v * c[2],
     )
-    length = math.sqrt(dot(smooth, smooth))
-    cosine = dot(smooth, facet)
-    if not abs(cosine) > _FACET_COSINE * length:
-        return facet, facet
-    scale = math.copysign(1.0, cosine) / length
-    smooth = (smooth[0] * scale, smooth[1] * scale, smooth[2] * scale)
-    if dot(smooth, to_eye) <= 0.0:
+    if dot(facet, to_eye) < 0.0:
+        facet = (-facet[0], -facet[1], -facet[2])
+    facet = unit(facet)
+    length = math.copysign(math.sqrt(dot(smooth, smooth)), dot(smooth, facet))
+    smooth = (smooth[0] / length, smooth[1] / length, smooth[2] / length)
+    if not dot(smooth, to_eye) > 0.0:  # turned away, or NaN: a triangle without area
         return facet, facet
     return facet, smooth
 
@@ -300,7 +293,7 @@ def _light(
     directions: NDArray[np.float32],
     distance: NDArray[np.float32],
     hits: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
-    mesh: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8]],
+    mesh: tuple[NDArray[np.float32], NDArray[np.uint8]],
     table: NDArray[np.float64],
     with_grain: bool,
     pose: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
@@ -317,7 +310,7 @@ def _light(
     to stands on its own: numba loses what a parallel loop writes to an array inside a tuple.
     """
     face, bary_u, bary_v, facets = hits
-    faces, vertex_normals, face_finish = mesh
+    corner_normals, face_finish = mesh
     centre, rotation, translation = pose
     h, k, lamp = lens
     for i in numba.prange(distance.size):
@@ -338,7 +331,7 @@ def _light(
         )
         to_eye = unit((-direction[0], -direction[1], -direction[2]))
         facet, normal = _normals(
-            face[i], bary_u[i], bary_v[i], row(facets, i), to_eye, faces, vertex_normals
+            face[i], bary_u[i], bary_v[i], row(facets, i), to_eye, corner_normals
         )
         finish[i] = face_finish[face[i]]
         surface = table[finish[i]]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.cell import ActiveSensor, Feature, Part, read_features, write_features, write_sensor
 from exposight.files import make_folder, write_durably
+from exposight.twin.part.corner_normals import corner_normals
 from exposight.twin.part.surfaces import FINISHES, SURFACES, Surface
 
 _REACH_MM = 5.0
@@ -73,26 +74,12 @@ class Scene:
         with np.errstate(invalid="ignore"):
             return np.asarray(crosses / lengths)
 
-    def normals(self) -> NDArray[np.float64]:
-        """Return smooth outward unit normals (n, 3) of the vertices, for shading.
+    def corner_normals(self) -> NDArray[np.float32]:
+        """Return unit normals (m, 3, 3) at the triangles' corners, for shading.
 
-        Mean of the adjoining triangles' normals, each weighted by its angle at the vertex, so that
-        it does not matter into how many triangles a flat part is cut.
+        Smooth over curved faces, those of the triangles on flat ones (`corner_normals`).
         """
-        face_normals = np.nan_to_num(self.face_normals())
-        corners = self.vertices[self.faces]
-        total = np.zeros_like(self.vertices)
-        for i in range(3):
-            ahead = corners[:, (i + 1) % 3] - corners[:, i]
-            back = corners[:, (i + 2) % 3] - corners[:, i]
-            sine = np.linalg.norm(self._face_crosses, axis=1)
-            angle = np.arctan2(sine, (ahead * back).sum(axis=1))
-            for axis in range(3):
-                total[:, axis] += np.bincount(
-                    self.faces[:, i], angle * face_normals[:, axis], minlength=len(total)
-                )
-        lengths = np.linalg.norm(total, axis=1, keepdims=True)
-        return np.asarray(total / np.maximum(lengths, np.finfo(np.float64).tiny))
+        return corner_normals(self.vertices, self.faces)
 
     def volume_mm3(self) -> float:
         """Return the enclosed volume in mm³ (divergence theorem); above 0 where faces look out."""
