@@ -56,7 +56,8 @@ def corner_normals(
     angles = np.empty((len(faces), 3))
     areas = np.empty(len(faces))
     _measure(vertices, faces, normals, angles, areas)
-    weights = angles * _flat_areas(normals, areas, starts, corners)[:, np.newaxis]
+    _join_flat(normals, areas, starts, corners)
+    weights = angles * areas[:, np.newaxis]
     out = np.zeros((len(faces), 3, 3), dtype=np.float32)
     _average(normals, weights, starts, corners, at, math.cos(math.radians(crease_deg)), out)
     return out
@@ -134,13 +135,13 @@ def _measure(
 
 
 @njit(error_model="numpy")
-def _flat_areas(
+def _join_flat(
     normals: NDArray[np.float64],
     areas: NDArray[np.float64],
     starts: NDArray[np.int64],
     corners: NDArray[np.int32],
-) -> NDArray[np.float64]:
-    """Return for each triangle the area of all that join it without a turn."""
+) -> None:
+    """Replace each triangle's area by that of all that join it without a turn."""
     parent = np.arange(len(areas))
     for place in range(len(starts) - 1):
         for i in range(starts[place] + 1, starts[place + 1]):
@@ -153,17 +154,13 @@ def _flat_areas(
     for i in range(len(areas)):
         total[_root(parent, i)] += areas[i]
     for i in range(len(areas)):
-        parent[i] = _root(parent, i)
-    return total[parent]
+        areas[i] = total[_root(parent, i)]
 
 
 @njit(inline="always")
 def _cosine(normals: NDArray[np.float64], i: int, j: int) -> float:
-    return (
-        normals[i, 0] * normals[j, 0]
-        + normals[i, 1] * normals[j, 1]
-        + normals[i, 2] * normals[j, 2]
-    )
+    n, m = normals[i], normals[j]
+    return float(n[0] * m[0] + n[1] * m[1] + n[2] * m[2])
 
 
 @njit()
