@@ -47,6 +47,16 @@ def test_a_plan_is_the_same_by_name_and_as_toml(tmp_path, run_json):
     assert {**by_name, "path": ""} == {**by_file, "path": ""}
 
 
+def test_turns_are_told_with_their_unit(yaml_plan, run, run_json):
+    turned = YAML.replace("version: 1", "version: 3").replace(
+        "    y_mm: [-100, 0, 100]",
+        "    y_mm: [0]\n    turns_deg: { w_deg: [-10, 10], r_deg: [0, 45, 90] }",
+    )
+    yaml_plan.write_text(turned, "utf-8")
+    assert run_json("info", yaml_plan)["views"]["near"] == 4 * 2 * 3
+    assert "near w −10 to 10°, p 0°, r 0 to 90°" in run("info", yaml_plan).stdout
+
+
 def test_views_that_may_be_left_out_are_told(run):
     shown = run("info", "x-test").stdout
     assert "at most 48: near 16, middle 16, far 16" in shown

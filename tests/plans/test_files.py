@@ -1,5 +1,7 @@
 """Measuring plans in TOML and YAML: short forms, round trips, and files that are no plans."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,6 +60,22 @@ def test_short_forms_are_written_out():
     assert plane.x_mm == (-135.0, -45.0, 45.0, 135.0)
     assert plane.y_mm == (-100.0, 0.5)
     assert plan.random[0].z_tcp_mm == (-10.0, 10.0)
+
+
+def test_turns_are_every_combination_of_their_angles():
+    angles = "{ w_deg = [-5, 10], r_deg = { first = 0, last = 90, count = 3 } }"
+    plan = plan_from_text(TEXT.replace("[-100, 0.5]", f"[0]\nturns_deg = {angles}"))
+    assert plan.planes[0].turns_deg == tuple((w, 0, r) for w in (-5, 10) for r in (0, 45, 90))
+    listed = TEXT.replace("[-100, 0.5]", "[0]\nturns_deg = [[0, 0, 0], [5, -10.5, 90]]")
+    assert plan_from_text(listed).planes[0].turns_deg == ((0, 0, 0), (5, -10.5, 90))
+
+
+def test_what_older_versions_hold_is_written_for_them():
+    plan = plan_from_text(TEXT)
+    assert "version = 2\n" in plan_to_toml(plan)
+    assert "_deg" not in plan_to_toml(plan)
+    turned = replace(plan, random=[replace(plan.random[0], p_deg=(-5, 5))])
+    assert "version = 3\n" in plan_to_toml(turned)
 
 
 def test_keys_left_out_take_the_documented_values():
@@ -158,6 +176,7 @@ _range = st.tuples(_number, _number).filter(lambda pair: pair[0] < pair[1])
         x_mm=_several,
         y_mm=_several,
         exposures_ms=_times,
+        turns_deg=st.lists(st.tuples(_number, _number, _number), max_size=3, unique=True),
     ),
     box=st.builds(
         RandomPositions,
@@ -167,6 +186,8 @@ _range = st.tuples(_number, _number).filter(lambda pair: pair[0] < pair[1])
         y_mm=_range,
         z_tcp_mm=_range,
         exposures_ms=_times,
+        w_deg=_range,
+        r_deg=_number.map(lambda angle: (angle, angle)),
     ),
     seed=st.integers(0, 2**62),
 )
@@ -224,6 +245,18 @@ def test_a_file_of_other_bytes_is_refused(tmp_path):
         ("[-100, 0.5]", "[]", "plane 'near': y_mm is empty"),
         ("[-100, 0.5]", "[nan]", r"y_mm\[0\]': expected a finite number, got NaN"),
         ("[-100, 0.5]", "[true]", r"y_mm\[0\]': expected a number, got true"),
+        ("seed = 4", "seed = 4\nturns_deg = []", "key 'turns_deg' is unknown"),
+        (
+            "[-100, 0.5]",
+            "[0]\nturns_deg = { w_deg = [] }",
+            r"turns_deg: .*1 or more entries, got 0",
+        ),
+        (
+            "[-100, 0.5]",
+            "[0]\nturns_deg = { w = [1] }",
+            r"planes\[0\]\.turns_deg: key 'w' is unknown",
+        ),
+        ("[-100, 0.5]", "[0]\nturns_deg = [[1, 2]]", r"turns_deg\[0\]\[2\]' is missing"),
         ("[15, 40]", "[]", "random positions 'random': exposures_ms is empty"),
         ("last = 100", "last = 1001", "exposures_ms of 'near': .*from 1 to 1000 ms, got 1001 ms"),
         ("last = 100", "last = 6", "plane 'near': exposures_ms holds 5 twice"),
@@ -241,7 +274,7 @@ def test_a_wrong_file_says_what_is_wrong(old, new, message):
 
 def test_a_newer_file_asks_for_an_update():
     with pytest.raises(VersionError, match="update exposight"):
-        plan_from_text(TEXT.replace("version = 2", "version = 3"))
+        plan_from_text(TEXT.replace("version = 2", "version = 4"))
 
 
 YAML = """

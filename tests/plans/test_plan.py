@@ -1,5 +1,6 @@
 """Measuring plans: names and order of positions, and what is refused."""
 
+import numpy as np
 import pytest
 
 from exposight.cell import sensor_preset
@@ -45,9 +46,36 @@ def _plan(**changes) -> MeasuringPlan:
 
 
 def test_a_grid_combines_every_x_with_every_y():
-    positions = dict(_plane().positions())
-    assert list(positions) == [f"near-x{i}-y{j}" for j in (1, 2, 3) for i in (1, 2)]
-    assert positions["near-x2-y3"] == (10.0, 7.0, -100.0)
+    placements = dict(_plane().placements())
+    assert list(placements) == [f"near-x{i}-y{j}" for j in (1, 2, 3) for i in (1, 2)]
+    assert placements["near-x2-y3"] == RigidTransform(translation_mm=np.array([10.0, 7.0, -100.0]))
+
+
+def test_a_grid_combines_every_position_with_every_turn():
+    turned = _plane(turns_deg=[[0, 0, 0], [5, -10, 90]])
+    assert turned.n_views == 12
+    placements = dict(turned.placements())
+    assert list(placements)[:3] == ["near-x1-y1-t1", "near-x1-y1-t2", "near-x2-y1-t1"]
+    assert placements["near-x2-y3-t1"].rotation.tolist() == np.eye(3).tolist()
+    assert placements["near-x2-y3-t2"].to_fanuc_wpr() == pytest.approx((5, -10, 90))
+    assert placements["near-x2-y3-t2"].translation_mm.tolist() == [10, 7, -100]
+
+
+def test_a_single_turn_leaves_the_names_as_they_were():
+    assert [name for name, _ in _plane(turns_deg=[[5, 0, 0]]).placements()] == [
+        name for name, _ in _plane().placements()
+    ]
+
+
+def test_turns_of_random_positions_leave_the_positions_as_they_were():
+    turned = _random(w_deg=(-30, 30), r_deg=(90, 90))
+    for name in turned.names():
+        plain, pose = next(_random().draws(name, 7)), next(turned.draws(name, 7))
+        assert np.array_equal(plain.rotation, np.eye(3))
+        assert np.array_equal(plain.translation_mm, pose.translation_mm)
+        w, p, r = pose.to_fanuc_wpr()
+        assert abs(w) <= 30
+        assert (p, r) == pytest.approx((0.0, 90.0))
 
 
 def test_random_views_are_numbered_with_equal_width():
@@ -91,6 +119,12 @@ def test_a_reference_feature_the_part_lacks_is_named(hole_part):
         ({"exposures_ms": []}, "plane 'near': exposures_ms is empty"),
         ({"exposures_ms": [5, 5.0]}, "exposures_ms holds 5 twice"),
         ({"exposures_ms": [5, -1]}, "must all be above 0 ms, got -1"),
+        (
+            {"turns_deg": [[1, 2]]},
+            r"plane 'near': a turn needs w, p and r in degrees, got \[1, 2\]",
+        ),
+        ({"turns_deg": [[1, 2, NAN]]}, "plane 'near': a turn needs w, p and r"),
+        ({"turns_deg": [[1, 2, 3], [1, 2, 3.0]]}, r"turns_deg holds \[1, 2, 3\] twice"),
     ],
 )
 def test_an_impossible_plane_is_refused(changes, message):
@@ -104,6 +138,10 @@ def test_an_impossible_plane_is_refused(changes, message):
         ({"count": 0}, "random positions 'random': count must be from 1 to 9999, got 0"),
         ({"x_mm": (5, -5)}, r"x_mm needs two numbers, the lower one first, got \[5, -5\]"),
         ({"z_tcp_mm": (1,)}, "z_tcp_mm needs two numbers"),
+        ({"x_mm": (5, 5)}, "x_mm holds 5 twice"),
+        ({"p_deg": (5, -5)}, r"p_deg needs two numbers, the lower one first, got \[5, -5\]"),
+        ({"r_deg": (0, NAN)}, "r_deg must hold finite numbers"),
+        ({"w_deg": (5,)}, "w_deg needs two numbers"),
         ({"exposures_ms": [0]}, "must all be above 0 ms, got 0"),
     ],
 )

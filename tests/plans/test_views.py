@@ -5,6 +5,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from exposight.cell import Part, sensor_preset
 from exposight.errors import FeatureError, InputError, SensorError
@@ -52,9 +53,9 @@ def _tcp_from_reference(view, part: Part):
 
 def test_the_reference_feature_truly_lies_on_the_grid(part):
     planned = {view.name: view for view in PLAN.views(part)}
-    for name, position in PLANE.positions():
+    for name, placement in PLANE.placements():
         at = _tcp_from_reference(planned[name], part).translation_mm
-        assert at == pytest.approx(position, abs=ROUNDING_MM)
+        assert at == pytest.approx(placement.translation_mm, abs=ROUNDING_MM)
 
 
 def test_before_the_inside_the_sensors_axes_are_the_parts(part):
@@ -67,6 +68,62 @@ def test_before_the_outside_the_sensor_is_turned_about_y(part):
     for view in outside:
         assert np.array_equal(view.camera_from_part.rotation, np.diag([-1.0, 1.0, -1.0]))
         assert view.visible == ("h0", "h1")
+
+
+@pytest.mark.parametrize("side", ["inside", "outside"])
+def test_a_turn_leaves_the_reference_feature_where_it_is(part, side):
+    plane = replace(PLANE, turns_deg=[[0, 0, 0], [10, -15, 120]])
+    plan = replace(PLAN, side=side, planes=[plane])
+    before = part if side == "inside" else _turned(part)
+    views = {view.name: view for view in plan.views(before)}
+    for name, still in views.items():
+        if name.endswith("-t2"):
+            continue
+        turned = views[name.removesuffix("1") + "2"]
+        # Independently of our own angles: the part turns about the TCP's fixed x, then y, then z.
+        turn = Rotation.from_rotvec([0, 0, np.radians(120)])
+        turn *= Rotation.from_rotvec([0, np.radians(-15), 0])
+        turn *= Rotation.from_rotvec([np.radians(10), 0, 0])
+        expected = turn.as_matrix() @ still.tcp_from_part.rotation
+        assert turned.tcp_from_part.rotation == pytest.approx(expected, abs=1e-12)
+        places = [_tcp_from_reference(each, before).translation_mm for each in (still, turned)]
+        assert places[1] == pytest.approx(places[0], abs=ROUNDING_MM)
+        assert turned.group == still.group == "near"
+
+
+@pytest.mark.parametrize("kind", ["hole", "slot"])
+@pytest.mark.parametrize("turn", [(10.0, -15.0, 120.0), (-25.0, 8.0, -60.0)])
+def test_the_observed_orientation_is_the_turn_of_a_feature_that_was_square(hole_part, kind, turn):
+    """Of a hole the spin about its own normal is taken out, of a slot it is kept."""
+    holes = hole_part(((0, 0, 5), (20, 10, 4)))
+    size = {"length_mm": 12.0, "width_mm": 8.0, "radius_mm": 4.0} if kind == "slot" else {}
+    part = replace(holes, features=tuple(replace(h, kind=kind, **size) for h in holes.features))
+    (view,) = replace(PLAN, planes=[replace(PLANE, x_mm=[0], y_mm=[0], turns_deg=[turn])]).views(
+        part
+    )
+    observed = view_features(part, SENSOR, view.camera_from_part)[1].pose
+    at = [observed[axis] for axis in ("x_mm", "y_mm", "z_mm")]
+    assert at == pytest.approx((0, 0, -150), abs=ROUNDING_MM)
+    angles = np.array([observed[axis] for axis in ("w_deg", "p_deg", "r_deg")])
+    turned = Rotation.from_euler("xyz", turn, degrees=True)
+    if kind == "slot":
+        assert angles == pytest.approx(turn, abs=1e-9)
+    else:
+        x, y, z = turned.apply([0.0, 0.0, 1.0])
+        assert angles == pytest.approx(
+            [np.degrees(np.arctan2(-y, np.hypot(x, z))), np.degrees(np.arctan2(x, z)), 0.0],
+            abs=1e-9,
+        )
+        again = Rotation.from_euler("xyz", angles, degrees=True).apply([0.0, 0.0, 1.0])
+        assert again == pytest.approx([x, y, z], abs=1e-12)
+
+
+def test_a_turn_that_shows_the_back_of_every_feature_is_blind(part):
+    plane = replace(PLANE, turns_deg=[[0, 0, 0], [0, 180, 0]])
+    with pytest.raises(InputError, match=r"'near-x1-y1-t2' sees none .*h0 facing away"):
+        replace(PLAN, planes=[plane]).views(part)
+    kept = replace(PLAN, planes=[plane], blind_views="skip").views(part)
+    assert [view.name for view in kept] == [f"near-x{i}-y{j}-t1" for j in (1, 2) for i in (1, 2)]
 
 
 def test_a_fixed_view_is_taken_as_it_is_written(part):
@@ -130,6 +187,17 @@ def test_random_positions_stay_in_their_box_and_see_something(part):
     assert (np.abs(at) <= [300, 200, 100]).all()
     assert all(view.visible for view in planned)
     assert np.ptp(at, axis=0) == pytest.approx([600, 400, 200], rel=0.6)  # spread, not one spot
+
+
+def test_random_turns_fill_their_ranges_and_blind_ones_are_drawn_again(part):
+    box = replace(RANDOM, x_mm=(-60, 60), y_mm=(-40, 40), w_deg=(-120, 120), r_deg=(-180, 180))
+    planned = replace(PLAN, planes=(), random=[box]).views(part)
+    turns = np.array([_tcp_from_reference(view, part).to_fanuc_wpr() for view in planned])
+    assert all(view.visible for view in planned)
+    assert (np.abs(turns[:, 0]) < 90).all()  # beyond that the part shows its back
+    assert np.ptp(turns[:, 0]) > 60
+    assert np.abs(turns[:, 1]) == pytest.approx(0, abs=1e-9)
+    assert np.ptp(turns[:, 2]) > 180
 
 
 def test_more_random_views_leave_the_first_as_they_were(part):

@@ -41,7 +41,7 @@ def test_the_reported_pose_is_the_true_one_with_the_drawn_error(sheet_plan, cell
 
 
 def test_a_planned_pose_and_the_same_pose_unplanned_agree(sheet_plan, cell):
-    planned = cell(sheet_plan)
+    planned = cell(sheet_plan, kinematic_share={})
     view = sheet_plan.views(planned.part)[1]
     unplanned = SimulatedCell(sheet_plan.sensor, planned.settings, seed=sheet_plan.seed)
     poses = [each.reported_pose(view.camera_from_part, view.name) for each in (planned, unplanned)]
@@ -58,10 +58,13 @@ def test_without_error_both_poses_are_one(sheet_plan, cell):
 
 def test_some_near_views_and_no_others_are_aligned_by_kinematics():
     plan = plan_preset("x")
-    driver = SimulatedCell(plan.sensor, SimulatedCellSettings.of_plan(plan), seed=plan.seed)
-    views = [name for plane in plan.planes for name, _ in plane.positions()]
+    turns = ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0))
+    plan = replace(plan, planes=(replace(plan.planes[0], turns_deg=turns), *plan.planes[1:]))
+    driver = SimulatedCell.for_plan(replace(plan, blind_views="skip"))
+    views = [name for plane in plan.planes for name, _ in plane.placements()]
     by_kinematics = [v for v in views if driver.alignment(v).aligned_by == "kinematics"]
-    assert 0 < len(by_kinematics) < 16
+    assert 0 < len(by_kinematics) < 32
+    assert {name[-3:] for name in by_kinematics} == {"-t1", "-t2"}
     assert all(name.startswith("near-") for name in by_kinematics)
 
 

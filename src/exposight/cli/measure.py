@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -19,7 +19,15 @@ from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.drivers import ReplayDriver
 from exposight.errors import InputError, did_you_mean
-from exposight.plans import PLAN_SUFFIXES, PLANS, MeasuringPlan, read_plan
+from exposight.plans import (
+    PLAN_SUFFIXES,
+    PLANS,
+    TURN_AXES,
+    DepthPlane,
+    MeasuringPlan,
+    RandomPositions,
+    read_plan,
+)
 from exposight.tables import count, counted, number
 from exposight.twin import SimulatedCell
 from exposight.workers import usual_workers
@@ -212,6 +220,13 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
     # Which views see no feature depends on the part, which is not known here.
     at_most = "at most " if plan.blind_views == "skip" else ""
     each = (f"{name} {', '.join(f'{t:g}' for t in times)}" for name, times in exposures.items())
+    turning: tuple[DepthPlane | RandomPositions, ...] = (*plan.planes, *plan.random)
+    turns = {
+        group.name: dict(zip(TURN_AXES, group.turn_ranges_deg, strict=True))
+        for group in turning
+        if any(map(any, group.turn_ranges_deg))
+    }
+    turned = (f"{name} {_turn_text(ranges)}" for name, ranges in turns.items())
     return (
         fact("plan", plan.name),
         fact("sensor", preset_name(plan.sensor) or plan.sensor.name),
@@ -219,7 +234,15 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
         fact("features", plan.features),
         fact("views", views, f"{at_most}{count(sum(views.values()))}: {per_group}"),
         fact("exposures_ms", exposures, "\n".join(each)),
+        *([fact("turns_deg", turns, "\n".join(turned))] if turns else []),
         fact("captures", captures, at_most + count(captures)),
         fact("seed", plan.seed),
         *(fact(name, value) for name, value in plan.simulated.items()),
+    )
+
+
+def _turn_text(ranges_deg: Mapping[str, tuple[float, float]]) -> str:
+    return ", ".join(
+        f"{axis.removesuffix('_deg')} {' to '.join(number(limit) for limit in sorted({*limits}))}°"
+        for axis, limits in ranges_deg.items()
     )

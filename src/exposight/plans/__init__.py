@@ -10,6 +10,7 @@ from exposight.plans.files import (
 )
 from exposight.plans.plan import MeasuringPlan, PlannedView
 from exposight.plans.positions import (
+    TURN_AXES,
     DepthPlane,
     FixedView,
     RandomPositions,

@@ -23,8 +23,9 @@ In TOML; YAML has the same keys::
 import json
 import re
 import tomllib
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -39,8 +40,11 @@ from exposight.plans import positions
 from exposight.plans.plan import MeasuringPlan
 
 PLAN_FORMAT = "exposight measuring plan"
-PLAN_VERSION = 2
-"""2: any sensor, fixed views, and the simulated cell's settings in a table of their own."""
+PLAN_VERSION = 3
+"""2: any sensor, fixed views, and the simulated cell's settings in a table of their own. 3: turns
+and lists of poses; what has neither is written as version 2, which older exposights read."""
+
+_SINCE_3 = {"turns_deg", *positions.TURN_AXES}
 PLAN_SUFFIXES = (".toml", ".yaml", ".yml")
 
 _LONGEST = 1000
@@ -55,6 +59,16 @@ class _Even:
     first: float
     last: float
     count: _Count
+
+
+_Angles = Annotated[tuple[float, ...], Field(min_length=1, max_length=_LONGEST)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Turns:
+    w_deg: _Angles = (0.0,)
+    p_deg: _Angles = (0.0,)
+    r_deg: _Angles = (0.0,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,10 +202,12 @@ def _sensor(name: object, folder: Path) -> ActiveSensor | None:
 
 def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
     """Replace the short forms of lists by the lists."""
-    for key in ("x_mm", "y_mm"):
-        if isinstance(group.get(key), dict):
-            even = validate(_Even, group[key], f"{place}.{key}")
-            group[key] = positions.even_positions(even.first, even.last, even.count)
+    _write_out_even(group, ("x_mm", "y_mm"), place)
+    if isinstance(group.get("turns_deg"), dict):
+        angles, place_of_turns = dict(group["turns_deg"]), f"{place}.turns_deg"
+        _write_out_even(angles, positions.TURN_AXES, place_of_turns)
+        turns = validate(_Turns, angles, place_of_turns)
+        group["turns_deg"] = list(product(turns.w_deg, turns.p_deg, turns.r_deg))
     if isinstance(group.get("exposures_ms"), dict):
         steps = validate(_Logarithmic, group["exposures_ms"], f"{place}.exposures_ms")
         try:
@@ -201,6 +217,13 @@ def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
         except InputError as error:
             msg = f"exposures_ms of {group.get('name')!r}: {error}"
             raise InputError(msg) from error
+
+
+def _write_out_even(group: dict[str, Any], keys: Iterable[str], place: str) -> None:
+    for key in keys:
+        if isinstance(group.get(key), dict):
+            even = validate(_Even, group[key], f"{place}.{key}")
+            group[key] = positions.even_positions(even.first, even.last, even.count)
 
 
 def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
@@ -227,7 +250,7 @@ def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
 
 
 def plan_to_toml(plan: MeasuringPlan, sensor_file: str = "plan-sensor.json") -> str:
-    """Return a measuring plan in TOML, every key written out, to be read or edited.
+    """Return a measuring plan in TOML, short forms written out, to be read or edited.
 
     Parameters
     ----------
@@ -237,21 +260,30 @@ def plan_to_toml(plan: MeasuringPlan, sensor_file: str = "plan-sensor.json") -> 
         Path of the sensor's document from the plan's folder, named unless the sensor is a preset.
     """
     sensor = preset_name(plan.sensor) or sensor_file
+    groups = [
+        *(("planes", _given(plane)) for plane in plan.planes),
+        *(("random", _given(box)) for box in plan.random),
+    ]
+    version = PLAN_VERSION if any(_SINCE_3 & given.keys() for _, given in groups) else 2
     lines = [
-        *_entries(format=PLAN_FORMAT, version=PLAN_VERSION, name=plan.name, sensor=sensor),
+        *_entries(format=PLAN_FORMAT, version=version, name=plan.name, sensor=sensor),
         *_entries(features=plan.features, reference=plan.reference, side=plan.side),
         *_entries(blind_views=plan.blind_views, seed=plan.seed),
     ]
-    for plane in plan.planes:
-        lines += ["", "[[planes]]", *_entries(**vars(plane))]
-    for box in plan.random:
-        lines += ["", "[[random]]", *_entries(**vars(box))]
+    for table, given in groups:
+        lines += ["", f"[[{table}]]", *_entries(**given)]
     for view in plan.fixed:
         pose = tuple(map(tuple, view.camera_from_part.to_matrix().tolist()))
         lines += ["", "[[fixed]]", *_entries(**{**vars(view), "camera_from_part": pose})]
     if plan.simulated:
         lines += ["", tomli_w.dumps({"simulated": plan.simulated}).rstrip()]
     return "\n".join(lines) + "\n"
+
+
+def _given(group: positions.DepthPlane | positions.RandomPositions) -> dict[str, Any]:
+    """Return the keys of a group of views that are not as by default."""
+    values = {each.name: (getattr(group, each.name), each.default) for each in fields(group)}
+    return {name: value for name, (value, default) in values.items() if value != default}
 
 
 def _entries(**values: object) -> Iterator[str]:

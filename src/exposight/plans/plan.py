@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -23,8 +24,6 @@ Side = Literal["inside", "outside"]
 BlindViews = Literal["refuse", "skip"]
 """What becomes of a planned position from which no feature of the plan can be seen."""
 
-_POSITION = 0x504F53  # the purpose of a stream of random numbers
-
 _MAX_DRAWS = 100
 """Where one position in ten sees a feature, one view in forty thousand still fails."""
 
@@ -43,6 +42,8 @@ class PlannedView:
     ----------
     name : str
         Unique in its plan.
+    group : str
+        The plane, random positions or fixed view that it belongs to.
     camera_from_part : RigidTransform
         Where the part shall stand, seen from the sensor's first camera.
     tcp_from_part : RigidTransform
@@ -54,6 +55,7 @@ class PlannedView:
     """
 
     name: str
+    group: str
     camera_from_part: RigidTransform
     tcp_from_part: RigidTransform
     exposures_ms: tuple[float, ...]
@@ -77,7 +79,8 @@ class MeasuringPlan:
         may be left out where all views are fixed.
     side : {'inside', 'outside'}
         Before the inside the sensor's axes are parallel to the part's; before the outside it is
-        turned by 180° about y. Fixed views have their own orientation.
+        turned by 180° about y. Turns of planes and random positions follow that. Fixed views have
+        their own orientation.
     planes : sequence of DepthPlane
         Grids of positions.
     random : sequence of RandomPositions
@@ -240,20 +243,13 @@ class _Station:
     reference: Feature | None
 
     def on_grid(self, plane: positions.DepthPlane) -> Iterator[PlannedView]:
-        for name, position in plane.positions():
-            self._check_distance(name, position)
-            yield from self._unless_blind(self._at_position(name, position, plane.exposures_ms))
+        for name, placement in plane.placements():
+            yield from self._unless_blind(self._at_placement(name, placement, plane))
 
     def at_random(self, box: positions.RandomPositions) -> Iterator[PlannedView]:
-        low, high = np.array([box.x_mm, box.y_mm, box.z_tcp_mm]).T
         for name in box.names():
-            generator = np.random.default_rng(
-                [*positions.view_seed(self.plan.seed, name), _POSITION]
-            )
-            for _ in range(_MAX_DRAWS):
-                x, y, z = generator.uniform(low, high).tolist()
-                self._check_distance(name, (x, y, z))
-                view = self._at_position(name, (x, y, z), box.exposures_ms)
+            for placement in islice(box.draws(name, self.plan.seed), _MAX_DRAWS):
+                view = self._at_placement(name, placement, box)
                 if view.visible:
                     yield view
                     break
@@ -270,6 +266,7 @@ class _Station:
         yield from self._unless_blind(
             PlannedView(
                 name=fixed.name,
+                group=fixed.name,
                 camera_from_part=fixed.camera_from_part,
                 tcp_from_part=tcp_from_camera @ fixed.camera_from_part,
                 exposures_ms=fixed.exposures_ms,
@@ -290,36 +287,38 @@ class _Station:
         else:
             logger.info("view %s sees no feature of plan %s: skipped", view.name, self.plan.name)
 
-    def _at_position(
+    def _at_placement(
         self,
         name: str,
-        position_mm: tuple[float, float, float],
-        exposures_ms: tuple[float, ...],
+        placement: RigidTransform,
+        group: positions.DepthPlane | positions.RandomPositions,
     ) -> PlannedView:
-        tcp_from_part = self._tcp_from_part(position_mm)
+        self._check_distance(name, placement.translation_mm)
+        tcp_from_part = self._tcp_from_part(placement)
         camera_from_part = self.plan.sensor.camera_from_tcp @ tcp_from_part
         return PlannedView(
             name=name,
+            group=group.name,
             camera_from_part=camera_from_part,
             tcp_from_part=tcp_from_part,
-            exposures_ms=exposures_ms,
+            exposures_ms=group.exposures_ms,
             visible=self._visible(camera_from_part),
         )
 
-    def _tcp_from_part(self, position_mm: tuple[float, float, float]) -> RigidTransform:
-        """Bring the reference feature to a position in the TCP frame."""
+    def _tcp_from_part(self, placement: RigidTransform) -> RigidTransform:
+        """Bring the reference feature to its place in the TCP frame, the part turned about it."""
         assert self.reference is not None  # the plan has one where it has positions
-        rotation = _ORIENTATION[self.plan.side]
+        rotation = placement.rotation @ _ORIENTATION[self.plan.side]
         reference_mm = self.reference.part_from_feature.translation_mm
         return RigidTransform(
-            rotation=rotation, translation_mm=np.array(position_mm) - rotation @ reference_mm
+            rotation=rotation, translation_mm=placement.translation_mm - rotation @ reference_mm
         )
 
     def _visible(self, camera_from_part: RigidTransform) -> tuple[str, ...]:
         views = view_features(self.observed, self.plan.sensor, camera_from_part)
         return tuple(v.feature.name for v in views if v.visibility is Visibility.VISIBLE)
 
-    def _check_distance(self, name: str, position_mm: tuple[float, float, float]) -> None:
+    def _check_distance(self, name: str, position_mm: NDArray[np.float64]) -> None:
         sensor = self.plan.sensor
         distance = float(sensor.camera_from_tcp.apply(position_mm)[2])
         near, far = sensor.working_distance_mm

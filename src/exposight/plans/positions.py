@@ -1,8 +1,11 @@
 """Where a plan places the sensor: grids and random positions about a feature, poses written out.
 
-After Sect. 3.2.1 of the paper: the sensor keeps its orientation and moves so that a reference
-feature comes to lie on a grid over x and y of the TCP frame, in planes of constant z; each plane
-has its own exposure times. ``z_tcp_mm`` below 0 is nearer to the sensor.
+After Sect. 3.2.1 of the paper: the sensor moves so that a reference feature comes to lie on a grid
+over x and y of the TCP frame, in planes of constant z; each plane has its own exposure times.
+``z_tcp_mm`` below 0 is nearer to the sensor. In the paper the sensor keeps its orientation; here it
+may also turn about the reference feature, which stays where it is. A turn (w, p, r) is that of the
+part in the TCP frame, about its fixed x, y and z axes: a feature that squarely faced the sensor has
+this w and p then.
 """
 
 import hashlib
@@ -15,8 +18,17 @@ import numpy as np
 
 from exposight.cell import ActiveSensor, StoredPose
 from exposight.errors import InputError
+from exposight.geometry import RigidTransform
 
-_Value = TypeVar("_Value", str, float)
+_Value = TypeVar("_Value", str, float, tuple[float, ...])
+
+_POSITION, _TURN = 0x504F53, 0x5452
+"""The purposes of streams of random numbers."""
+
+TURN_AXES = ("w_deg", "p_deg", "r_deg")
+"""Keys of a turn: about x, y and z of the TCP frame."""
+
+_NO_TURNS = ((0.0, 0.0, 0.0),)
 
 
 def view_seed(seed: int, view: str) -> tuple[int, int]:
@@ -80,19 +92,23 @@ class DepthPlane:
     Parameters
     ----------
     name : str
-        Views are called after it: ``near-x1-y4`` is the first in x and the fourth in y.
+        Views are called after it: ``near-x1-y4`` is the first in x and the fourth in y. With
+        several turns their number follows: ``near-x1-y4-t2``.
     z_tcp_mm : float, mm
         The reference feature's z in the TCP frame; below 0 is nearer to the sensor.
     x_mm, y_mm : sequence of float, mm
         The reference feature's x and y in the TCP frame: every x is combined with every y.
     exposures_ms : sequence of float, ms
         Exposure times at every position.
+    turns_deg : sequence of (float, float, float), degrees
+        Turns (w, p, r) about the reference feature, each combined with every position; none by
+        default.
 
     Raises
     ------
     InputError
-        If a list is empty, a number appears twice or is not finite, or an exposure time is not
-        above 0. The message names the plane.
+        If a list is empty, a number or turn appears twice or is not finite, or an exposure time is
+        not above 0. The message names the plane.
     """
 
     name: str
@@ -100,6 +116,7 @@ class DepthPlane:
     x_mm: tuple[float, ...]
     y_mm: tuple[float, ...]
     exposures_ms: tuple[float, ...]
+    turns_deg: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -109,17 +126,37 @@ class DepthPlane:
         for axis in ("x_mm", "y_mm"):
             object.__setattr__(self, axis, _numbers(getattr(self, axis), f"{place}: {axis}"))
         object.__setattr__(self, "exposures_ms", _exposures(self.exposures_ms, place))
+        turns = tuple(tuple(map(float, turn)) for turn in self.turns_deg)
+        for turn in turns:
+            if len(turn) != 3 or not all(map(math.isfinite, turn)):
+                msg = f"{place}: a turn needs w, p and r in degrees, got {_listed(turn)}"
+                raise InputError(msg)
+        twice = first_twice(turns)
+        if twice is not None:
+            msg = f"{place}: turns_deg holds {_listed(twice)} twice; give every turn once"
+            raise InputError(msg)
+        object.__setattr__(self, "turns_deg", turns)
 
     @property
     def n_views(self) -> int:
-        """Number of positions."""
-        return len(self.x_mm) * len(self.y_mm)
+        """Number of positions times turns."""
+        return len(self.x_mm) * len(self.y_mm) * max(1, len(self.turns_deg))
 
-    def positions(self) -> Iterator[tuple[str, tuple[float, float, float]]]:
-        """Yield the name of each view and the reference feature's (x, y, z) in mm there."""
+    @property
+    def turn_ranges_deg(self) -> tuple[tuple[float, float], ...]:
+        """Least and greatest w, p and r of the turns, degrees."""
+        w, p, r = zip(*(self.turns_deg or _NO_TURNS), strict=True)
+        return (min(w), max(w)), (min(p), max(p)), (min(r), max(r))
+
+    def placements(self) -> Iterator[tuple[str, RigidTransform]]:
+        """Yield each view's name, and the reference feature's position and turn there."""
+        turns = self.turns_deg or _NO_TURNS
+        numbered = [(f"-t{k}" if len(turns) > 1 else "", turn) for k, turn in enumerate(turns, 1)]
         for j, y in enumerate(self.y_mm, start=1):
             for i, x in enumerate(self.x_mm, start=1):
-                yield f"{self.name}-x{i}-y{j}", (x, y, self.z_tcp_mm)
+                for suffix, turn in numbered:
+                    placement = RigidTransform.from_fanuc_wpr((x, y, self.z_tcp_mm), *turn)
+                    yield f"{self.name}-x{i}-y{j}{suffix}", placement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +175,8 @@ class RandomPositions:
         Least and greatest value in the TCP frame.
     exposures_ms : sequence of float, ms
         Exposure times at every position.
+    w_deg, p_deg, r_deg : (float, float), degrees
+        Least and greatest turn about the reference feature, drawn evenly too; none by default.
 
     Raises
     ------
@@ -151,6 +190,9 @@ class RandomPositions:
     y_mm: tuple[float, float]
     z_tcp_mm: tuple[float, float]
     exposures_ms: tuple[float, ...]
+    w_deg: tuple[float, float] = (0.0, 0.0)
+    p_deg: tuple[float, float] = (0.0, 0.0)
+    r_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -158,9 +200,11 @@ class RandomPositions:
         if not 1 <= self.count <= 9999:
             msg = f"{place}: count must be from 1 to 9999, got {self.count}"
             raise InputError(msg)
-        for axis in ("x_mm", "y_mm", "z_tcp_mm"):
-            limits = _numbers(getattr(self, axis), f"{place}: {axis}")
-            if len(limits) != 2 or limits[0] >= limits[1]:
+        for axis in ("x_mm", "y_mm", "z_tcp_mm", *TURN_AXES):
+            limits = tuple(map(float, getattr(self, axis)))
+            if axis not in TURN_AXES or len(set(limits)) > 1:  # one angle is a range, too
+                limits = _numbers(limits, f"{place}: {axis}")
+            if len(limits) != 2 or not -math.inf < limits[0] <= limits[1] < math.inf:
                 msg = (
                     f"{place}: {axis} needs two numbers, the lower one first, got {_listed(limits)}"
                 )
@@ -173,10 +217,37 @@ class RandomPositions:
         """Number of positions."""
         return self.count
 
+    @property
+    def turn_ranges_deg(self) -> tuple[tuple[float, float], ...]:
+        """Least and greatest w, p and r of the turns, degrees."""
+        return self.w_deg, self.p_deg, self.r_deg
+
     def names(self) -> tuple[str, ...]:
         """Return the views' names."""
         digits = max(2, len(str(self.count)))
         return tuple(f"{self.name}-{i:0{digits}d}" for i in range(1, self.count + 1))
+
+    def draws(self, view: str, seed: int) -> Iterator[RigidTransform]:
+        """Yield one position and turn of the reference feature after the other, without end.
+
+        Parameters
+        ----------
+        view : str
+            One of the names.
+        seed : int, 0 or more
+            The plan's seed.
+        """
+        positions, turns = (
+            np.random.default_rng([*view_seed(seed, view), purpose])
+            for purpose in (_POSITION, _TURN)
+        )
+        boxes = [
+            np.array([getattr(self, axis) for axis in axes]).T
+            for axes in (("x_mm", "y_mm", "z_tcp_mm"), TURN_AXES)
+        ]
+        while True:
+            position_mm = positions.uniform(*boxes[0])
+            yield RigidTransform.from_fanuc_wpr(position_mm, *turns.uniform(*boxes[1]))
 
 
 @dataclass(frozen=True, kw_only=True)

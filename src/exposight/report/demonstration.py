@@ -265,7 +265,7 @@ def _report(
     plan, summary = settings.plan, campaign_summary.summarise(table)
     results = campaign_summary.evaluate_models(models, table, unseen)
     times = summary.exposures_ms
-    x, y, z = next(where for _, where in _NEW_POSITION.positions())
+    x, y, z = next(where.translation_mm for _, where in _NEW_POSITION.placements())
     trained = [feature.name for feature in summary.features if feature.name not in unseen]
     return CampaignReport(
         title="A simulated car door: point-cloud quality and exposure time, predicted",

@@ -146,8 +146,8 @@ class SimulatedCellSettings:
     alignment : AlignmentErrors
         How wrong reported poses are.
     kinematic_share : mapping of str to float, 0 to 1
-        Probability that a view is aligned by the robot's kinematics alone, by the name of its
-        plane, of its random positions, or its own; 0 for all others.
+        Probability that a view is aligned by the robot's kinematics alone, by its name or that of
+        the group in its plan (`PlannedView.group`); 0 for all others.
     finish : {'bare', 'primer', 'paint', 'brushed'}, optional
         Finish of the whole part, in place of its mesh's own.
     sequence : PatternSequence, optional

@@ -7,7 +7,6 @@ whatever else is captured, by whichever process.
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -45,7 +44,7 @@ class SimulatedCell:
     features : sequence of str, optional
         Features of the part round which is traced with `rings_only`; all by default.
     planned : iterable of PlannedView
-        Views whose poses in the TCP frame are known exactly.
+        Views whose groups, and poses in the TCP frame, are known exactly.
 
     Raises
     ------
@@ -74,7 +73,7 @@ class SimulatedCell:
         self.settings = settings or SimulatedCellSettings()
         self.seed = seed
         self._features = None if features is None else tuple(features)
-        self._planned = {view.name: view.tcp_from_part for view in planned}
+        self._planned = _by_name(planned)
         self._traced: tuple[object, Callable[..., Capture]] | None = None
         model = self._model
         if self.settings.rings_only and (
@@ -109,7 +108,7 @@ class SimulatedCell:
         """
         settings = replace(SimulatedCellSettings.of_plan(plan, folder), **changes)
         cell = cls(plan.sensor, settings, seed=plan.seed, features=plan.features)
-        cell._planned = {view.name: view.tcp_from_part for view in plan.views(cell.part)}
+        cell._planned = _by_name(plan.views(cell.part))
         return cell
 
     @property
@@ -145,7 +144,7 @@ class SimulatedCell:
             The view's name.
         """
         shares = self.settings.kinematic_share
-        group = re.sub(r"-(x\d+-y\d+|\d+)$", "", view)  # as plans name the views of a group
+        group, _ = self._planned.get(view, (view, None))
         share = shares.get(view, shares.get(group, 0.0))
         return draw_alignment(self.settings.alignment, share, self.seed, view)
 
@@ -160,7 +159,7 @@ class SimulatedCell:
             The view's name.
         """
         camera_from_tcp = self.sensor.camera_from_tcp
-        tcp_from_part = self._planned.get(view)
+        _, tcp_from_part = self._planned.get(view, (view, None))
         if tcp_from_part is None or not _alike(camera_from_tcp @ tcp_from_part, camera_from_part):
             tcp_from_part = camera_from_tcp.inverse() @ camera_from_part
         return camera_from_tcp @ self.alignment(view).reported_from_true @ tcp_from_part
@@ -222,6 +221,10 @@ class SimulatedCell:
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_traced": None}  # other processes trace for themselves
+
+
+def _by_name(planned: Iterable[PlannedView]) -> dict[str, tuple[str, RigidTransform]]:
+    return {view.name: (view.group, view.tcp_from_part) for view in planned}
 
 
 def scene_at(folder: Path | None, finish: Finish | None = None) -> Scene:
