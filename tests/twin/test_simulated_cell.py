@@ -21,6 +21,7 @@ from exposight.imaging import (
 from exposight.measuring import measure_observations
 from exposight.plans import DepthPlane, MeasuringPlan, plan_from_text, plan_preset, plan_to_toml
 from exposight.twin import AlignmentErrors, SimulatedCell, SimulatedCellSettings
+from exposight.twin.part import SURFACES, ClearCoat, Zone
 
 ROUNDING = 1e-9
 EXACT = AlignmentErrors(photogrammetric_mm=0, photogrammetric_deg=0)
@@ -85,7 +86,9 @@ SETTINGS = SimulatedCellSettings(
     lighting="II",
     alignment=AlignmentErrors(kinematic_max_mm=3.0),
     kinematic_share={"near": 0.5},
-    finish="paint",
+    finish="oil",
+    surfaces={"oil": replace(SURFACES["bare"], coat=ClearCoat(alpha=0.02))},
+    zones=(Zone(finish="bare", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0),),
     sequence=sequence_named_or_read("board"),
     electrons_per_ms=1e8,
     rings_only=False,
@@ -113,7 +116,7 @@ def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
     [
         ({"wheather": "II"}, r"plan 'sheet', \[simulated\]: key 'wheather' is unknown"),
         ({"lighting": "IV"}, "'lighting': expected 'I', 'II' or 'III', got \"IV\""),
-        ({"finish": "gold"}, "'finish': expected 'bare', 'primer', .*, got \"gold\""),
+        ({"finish": "gold"}, "finish 'gold' is not known; expected one of bare, primer"),
         ({"alignment": {"kinematic_mm": 1}}, r"alignment\.kinematic_mm' is unknown"),
         ({"alignment": {"kinematic_max_mm": -3}}, "kinematic_max_mm must be a number from 0 up"),
         ({"kinematic_share": {"near": 2}}, "kinematic_share of 'near' must be from 0 to 1, got 2"),
@@ -125,6 +128,19 @@ def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
 def test_a_wrong_setting_is_named(sheet_plan, table, message):
     with pytest.raises((InputError, FormatError), match=message):
         SimulatedCellSettings.of_plan(replace(sheet_plan, simulated=table))
+
+
+def test_another_surface_or_zone_is_another_cell(sheet_plan, cell):
+    zone = Zone(finish="oil", box_mm=((0.0, 0.0, -1.0), (5.0, 5.0, 1.0)))
+    oil = SETTINGS.surfaces["oil"]
+    cells = [
+        cell(sheet_plan, surfaces={"oil": oil}, zones=(zone,)),
+        cell(sheet_plan, surfaces={"oil": replace(oil, diffuse_albedo=0.05)}, zones=(zone,)),
+        cell(sheet_plan, surfaces={"oil": oil}, zones=(replace(zone, finish="paint"),)),
+    ]
+    assert len({each.description()["scene_sha256"] for each in cells}) == 3
+    assert json.loads(json.dumps(cells[0].description())) == cells[0].description()
+    assert cells[0].scene.zones == (zone,)
 
 
 def test_another_finish_is_another_cell(sheet_plan, cell):

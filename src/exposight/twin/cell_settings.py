@@ -19,7 +19,7 @@ from exposight.files import validate
 from exposight.geometry import RigidTransform
 from exposight.plans import MeasuringPlan, view_seed
 from exposight.twin.light import Lighting
-from exposight.twin.part import Finish
+from exposight.twin.part import Finishes, Surface, Zone
 
 AlignedBy = Literal["photogrammetry", "kinematics"]
 
@@ -148,8 +148,13 @@ class SimulatedCellSettings:
     kinematic_share : mapping of str to float, 0 to 1
         Probability that a view is aligned by the robot's kinematics alone, by its name or that of
         the group in its plan (`PlannedView.group`); 0 for all others.
-    finish : {'bare', 'primer', 'paint', 'brushed'}, optional
-        Finish of the whole part, in place of its mesh's own.
+    finish : str, optional
+        Finish of the whole part, in place of the scene's: `exposight.twin.part.FINISHES`, or one of
+        the surfaces.
+    surfaces : mapping of str to Surface
+        Further finishes, or others in place of those with the same names.
+    zones : tuple of Zone
+        Where the part has another finish.
     sequence : PatternSequence, optional
         Patterns of a sensor with one camera.
     fringes : tuple of float
@@ -176,7 +181,9 @@ class SimulatedCellSettings:
     lighting: Lighting = "I"
     alignment: AlignmentErrors = field(default_factory=AlignmentErrors)
     kinematic_share: Mapping[str, float] = field(default_factory=dict, hash=False)
-    finish: Finish | None = None
+    finish: str | None = None
+    surfaces: Mapping[str, Surface] = field(default_factory=dict, hash=False)
+    zones: tuple[Zone, ...] = ()
     sequence: imaging.PatternSequence | None = None
     fringes: tuple[float, ...] = ()
     electrons_per_ms: float | None = None
@@ -187,14 +194,12 @@ class SimulatedCellSettings:
     def __post_init__(self) -> None:
         if self.scene is not None:  # worker processes may be elsewhere
             object.__setattr__(self, "scene", Path(self.scene).resolve())
-        for key, value, known in (
-            ("lighting", self.lighting, get_args(Lighting)),
-            ("finish", self.finish, (None, *get_args(Finish))),
-        ):
-            if value not in known:
-                names = ", ".join(filter(None, known))
-                msg = f"simulated cell: {key} must be one of {names}, got {value!r}"
-                raise InputError(msg)
+        if self.lighting not in get_args(Lighting):
+            names = ", ".join(get_args(Lighting))
+            msg = f"simulated cell: lighting must be one of {names}, got {self.lighting!r}"
+            raise InputError(msg)
+        if self.scene is None:  # else the scene may know more finishes
+            self.finishes.check_names()
         for name, share in self.kinematic_share.items():
             if not 0.0 <= share <= 1.0:
                 msg = (
@@ -204,6 +209,11 @@ class SimulatedCellSettings:
         if self.sequence is not None and self.fringes:
             msg = "simulated cell: sequence and fringes exclude each other; give one of them"
             raise InputError(msg)
+
+    @property
+    def finishes(self) -> Finishes:
+        """What the part wears in place of the scene's own finishes."""
+        return Finishes(finish=self.finish, surfaces=self.surfaces, zones=self.zones)
 
     @classmethod
     def of_plan(cls, plan: MeasuringPlan, folder: Path | None = None) -> SimulatedCellSettings:
@@ -240,6 +250,7 @@ class SimulatedCellSettings:
     def table(self) -> dict[str, Any]:
         """Return the settings as a plan's file has them (`MeasuringPlan.simulated`)."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        values |= {"surfaces": None, "zones": (), **self.finishes.table()}
         table = {key: value for key, value in values.items() if value not in (None, ())}
         table["alignment"] = asdict(self.alignment)
         table["kinematic_share"] = dict(self.kinematic_share)

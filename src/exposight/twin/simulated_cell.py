@@ -22,7 +22,7 @@ from exposight.plans import MeasuringPlan, PlannedView, view_seed
 from exposight.twin import sensors
 from exposight.twin.cell_settings import Alignment, SimulatedCellSettings, draw_alignment
 from exposight.twin.light import LightModel, SceneTracer, projector_of
-from exposight.twin.part import FINISHES, Finish, Scene, door, read_scene
+from exposight.twin.part import Finishes, Scene, door, read_scene
 
 _COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
 
@@ -119,13 +119,13 @@ class SimulatedCell:
     @property
     def scene(self) -> Scene:
         """What light falls on."""
-        return scene_at(self.settings.scene, self.settings.finish)
+        return scene_at(self.settings.scene, self.settings.finishes)
 
     def description(self) -> dict[str, object]:
         """Return what decides the captures beyond sensor, part and plan, JSON-able."""
         settings = self.settings.table()
         settings.pop("scene", None)  # by its content, wherever it lies
-        checksum = _scene_sha256(self.settings.scene, self.settings.finish)
+        checksum = _scene_sha256(self.settings.scene, self.settings.finishes)
         return {"driver": "simulated cell", "scene_sha256": checksum, "seed": self.seed, **settings}
 
     def campaign_files(self) -> Mapping[str, bytes]:
@@ -204,7 +204,7 @@ class SimulatedCell:
     def _look(self, true: RigidTransform, reported: RigidTransform) -> Callable[..., Capture]:
         """Trace a view; what is returned takes its captures."""
         model = self._model
-        tracer = _tracer(self.settings.scene, self.settings.finish)
+        tracer = _tracer(self.settings.scene, self.settings.finishes)
         if isinstance(model, sensors.DotSensor):
             return partial(model.capture, model.look(tracer, true))
         boxes = None
@@ -227,45 +227,44 @@ def _by_name(planned: Iterable[PlannedView]) -> dict[str, tuple[str, RigidTransf
     return {view.name: (view.group, view.tcp_from_part) for view in planned}
 
 
-def scene_at(folder: Path | None, finish: Finish | None = None) -> Scene:
+def scene_at(folder: Path | None, finishes: Finishes | None = None) -> Scene:
     """Return the scene in a folder, or the door; read once.
 
     Parameters
     ----------
     folder : Path or None
         As `exposight.twin.part.export_scene` writes it; None for the door.
-    finish : str, optional
-        Finish of the whole part, in place of its own.
+    finishes : Finishes, optional
+        In place of its own.
 
     Raises
     ------
     FileError, InputError
         As for `read_scene`.
     """
-    return _scene(None if folder is None else folder.resolve(), finish)
+    return _scene(None if folder is None else folder.resolve(), finishes or Finishes())
 
 
 @lru_cache(maxsize=2)
-def _scene(folder: Path | None, finish: Finish | None) -> Scene:
-    if finish is not None:
-        scene = _scene(folder, None)
-        return replace(scene, face_finish=np.full_like(scene.face_finish, FINISHES.index(finish)))
+def _scene(folder: Path | None, finishes: Finishes) -> Scene:
+    if finishes != Finishes():
+        return _scene(folder, Finishes()).with_finishes(finishes)
     return door() if folder is None else read_scene(folder)
 
 
 @lru_cache(maxsize=2)
-def _scene_sha256(folder: Path | None, finish: Finish | None) -> str:
-    return scene_checksum(scene_at(folder, finish))
+def _scene_sha256(folder: Path | None, finishes: Finishes) -> str:
+    return scene_checksum(scene_at(folder, finishes))
 
 
 @lru_cache(maxsize=2)
-def _tracer(folder: Path | None, finish: Finish | None) -> SceneTracer:
-    return SceneTracer(scene_at(folder, finish))
+def _tracer(folder: Path | None, finishes: Finishes) -> SceneTracer:
+    return SceneTracer(scene_at(folder, finishes))
 
 
 def scene_checksum(scene: Scene) -> str:
     """Return the SHA-256 of a scene's triangles and of what they are made of."""
-    checksum = hashlib.sha256(repr(dict(scene.surfaces)).encode())
+    checksum = hashlib.sha256(repr((dict(scene.surfaces), scene.zones)).encode())
     for array in (scene.vertices, scene.faces, scene.face_finish):
         checksum.update(str(array.shape).encode())
         checksum.update(array.tobytes())

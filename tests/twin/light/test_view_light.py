@@ -17,7 +17,7 @@ from exposight.twin.light import (
     trace_view,
 )
 from exposight.twin.light.view_light import disjoint_boxes
-from exposight.twin.part import FINISHES, SURFACES, Scene, Surface
+from exposight.twin.part import FINISHES, SURFACES, Scene, Surface, Zone
 from exposight.twin.part.reflectance import reflectance
 
 MATT = Surface(
@@ -145,6 +145,31 @@ def test_boxes_have_the_very_light_of_the_whole_frame(plate, small_sensor, befor
         expected = getattr(whole, name)[..., cut[0], cut[1]]
         assert np.array_equal(getattr(tile, name), expected, equal_nan=True), name
     assert tile.indirect.max() > 0
+
+
+def test_a_spot_inside_a_triangle_changes_nothing_outside(plate, small_sensor, before) -> None:
+    scene = plate("primer", step_mm=90.0)  # four large triangles
+    spot = Zone(finish="paint", centre_mm=(3.0, -2.0, 0.0), radius_mm=6.0)
+    clean, spotted = (
+        trace_view(SceneTracer(each), small_sensor, before(), model=_matt_model()).tiles[0]
+        for each in (scene, replace(scene, zones=(spot,)))
+    )
+    rows, columns = np.nonzero(np.isfinite(clean.depth_mm))
+    points = (
+        before()
+        .inverse()
+        .apply(
+            small_sensor.camera.back_project(
+                np.stack([columns, rows], axis=-1), clean.depth_mm[rows, columns]
+            )
+        )
+    )
+    off = np.linalg.norm(points - spot.centre_mm, axis=1) - spot.radius_mm
+    for name in ("direct", "ambient"):
+        differs = (getattr(clean, name) != getattr(spotted, name))[rows, columns]
+        assert not differs[off > SINGLE].any()
+        assert differs[(off < -SINGLE) & (clean.direct[rows, columns] > 0)].all()
+    assert (off < -SINGLE).sum() > 100
 
 
 def test_overlapping_boxes_are_joined() -> None:

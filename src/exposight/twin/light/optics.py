@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from exposight.cell import ActiveSensor, Projector
 from exposight.errors import SensorError
 from exposight.twin.part import Scene
+from exposight.twin.part.finishes import zone_table
 from exposight.twin.part.surfaces import surface_table
 
 Lighting = Literal["I", "II", "III"]
@@ -138,6 +139,7 @@ class SceneTracer:
     def __init__(self, scene: Scene) -> None:
         self.face_finish = scene.face_finish
         self.surfaces = surface_table(scene.surfaces)
+        self.zones = zone_table(scene.zones, scene.surfaces)
         self.corner_normals = scene.corner_normals().reshape(-1, 3)
         self._embree = EmbreeScene()
         vertices = np.ascontiguousarray(scene.vertices, dtype=np.float32)

@@ -23,6 +23,7 @@ from exposight.errors import SensorError
 from exposight.geometry import RigidTransform
 from exposight.geometry.cameras import distort_point
 from exposight.twin.light.optics import MISS_MM, ProjectorLens, SceneTracer, projector_of
+from exposight.twin.part.finishes import finish_at
 from exposight.twin.part.reflectance import (
     CONTRAST,
     EVEN,
@@ -192,7 +193,7 @@ def light_along_rays(
         distance,
         (face, u, v, normal),
         (tracer.corner_normals, tracer.face_finish),
-        tracer.surfaces,
+        (tracer.surfaces, tracer.zones),
         with_grain,
         (lamp.centre_mm, lamp.rotation, lamp.translation_mm),
         (lamp.image_from_distorted, lamp.coefficients, lamp.numbers),
@@ -294,7 +295,7 @@ def _light(
     distance: NDArray[np.float32],
     hits: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     mesh: tuple[NDArray[np.float32], NDArray[np.uint8]],
-    table: NDArray[np.float64],
+    finishes: tuple[NDArray[np.float64], NDArray[np.float64]],
     with_grain: bool,
     pose: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
     lens: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
@@ -311,6 +312,7 @@ def _light(
     """
     face, bary_u, bary_v, facets = hits
     corner_normals, face_finish = mesh
+    surfaces, zones = finishes
     centre, rotation, translation = pose
     h, k, lamp = lens
     for i in numba.prange(distance.size):
@@ -333,8 +335,8 @@ def _light(
         facet, normal = _normals(
             face[i], bary_u[i], bary_v[i], row(facets, i), to_eye, corner_normals
         )
-        finish[i] = face_finish[face[i]]
-        surface = table[finish[i]]
+        finish[i] = finish_at(zones, p, face_finish[face[i]])
+        surface = surfaces[finish[i]]
         factor = 1.0
         if with_grain:
             normal, factor = _add_grain(p, normal, to_eye, surface)

@@ -1,6 +1,7 @@
 """What light falls on: sheet metal, its shape as a closed mesh, its finishes, its features."""
 
 from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
+from exposight.twin.part.finishes import Finishes, Zone
 from exposight.twin.part.scene import (
     FEATURES_FILE,
     MESH_FILE,

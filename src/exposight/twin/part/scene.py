@@ -1,8 +1,10 @@
 """A scene: a closed mesh, the finish of each triangle, and the features that are measured on it."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from exposight import errors
 from exposight.cell import ActiveSensor, Feature, Part, read_features, write_features, write_sensor
 from exposight.files import make_folder, write_durably
 from exposight.twin.part.corner_normals import corner_normals
+from exposight.twin.part.finishes import Finishes, Zone
 from exposight.twin.part.surfaces import FINISHES, SURFACES, Surface
 
 _REACH_MM = 5.0
@@ -36,6 +39,8 @@ class Scene:
         The part and its features.
     surfaces : mapping of str to Surface
         How each finish reflects; the order is that of the indices.
+    zones : tuple of Zone
+        Where the finish is another one than the triangle's.
 
     Raises
     ------
@@ -48,11 +53,13 @@ class Scene:
     face_finish: NDArray[np.uint8]
     part: Part
     surfaces: Mapping[str, Surface] = field(default_factory=lambda: SURFACES)
+    zones: tuple[Zone, ...] = ()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
         faces = np.ascontiguousarray(self.faces, dtype=np.int32)
         finish = np.ascontiguousarray(self.face_finish, dtype=np.uint8)
+        Finishes(zones=self.zones).check_names(self.surfaces)
         fault = _fault(vertices, faces, finish, tuple(self.surfaces))
         if fault:
             msg = f"the mesh of part {self.part.name!r}: {fault}"
@@ -81,6 +88,27 @@ class Scene:
         """
         return corner_normals(self.vertices, self.faces)
 
+    def with_finishes(
+        self, finishes: Finishes, face_colours: NDArray[np.uint8] | None = None
+    ) -> Scene:
+        """Return the scene with what a document says about its finish.
+
+        Parameters
+        ----------
+        finishes : Finishes
+            A finish of the whole part goes over this scene's zones, too.
+        face_colours : (m, 3 or 4) ndarray of uint8, optional
+            Red, green and blue of the triangles.
+
+        Raises
+        ------
+        InputError
+            As for `Finishes.of_faces`.
+        """
+        finish, surfaces = finishes.of_faces(self.face_finish, self.surfaces, face_colours)
+        zones = (*(() if finishes.finish else self.zones), *finishes.zones)
+        return replace(self, face_finish=finish, surfaces=surfaces, zones=zones)
+
     def volume_mm3(self) -> float:
         """Return the enclosed volume in mm³ (divergence theorem); above 0 where faces look out."""
         first = self.vertices[self.faces[:, 0]]
@@ -105,6 +133,8 @@ def _fault(
         )
     if finish.shape != (len(faces),):
         return f"face_finish needs one entry for each of {len(faces)} faces, got {finish.shape}"
+    if not 0 < len(names) <= 256:
+        return f"it may have from 1 to 256 surfaces, got {len(names)}"
     if finish.max() >= len(names):
         named = ", ".join(f"{i} {name}" for i, name in enumerate(names))
         return f"face_finish must be one of {named}, got {finish.max()}"
