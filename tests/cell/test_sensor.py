@@ -167,9 +167,9 @@ def edited(sensor, **changes):
         ({"exposure__min_ms": -1.0}, "0 < minimum ≤ maximum"),
         ({"camera_from_tcp": [[2.0, 0, 0, 0], *np.eye(4)[1:].tolist()]}, "not a rotation"),
         ({"format": None}, "key 'format' must be .*, and it is missing"),
-        ({"version": None}, "key 'version' must be 1, and it is missing"),
+        ({"version": None}, "key 'version' must be a whole number from 1 to 2, and it is missing"),
         ({"format": "gpx"}, 'must be "exposight sensor", got "gpx"; is it another kind of file'),
-        ({"version": "1"}, "key 'version' must be 1, got \"1\""),
+        ({"version": "1"}, "key 'version' must be a whole number from 1 to 2, got \"1\""),
     ],
 )
 def test_a_document_that_is_not_right_names_the_key(sensor, changes, message):
@@ -178,8 +178,8 @@ def test_a_document_that_is_not_right_names_the_key(sensor, changes, message):
 
 
 def test_a_newer_version_is_refused_whatever_else_it_says(sensor):
-    with pytest.raises(VersionError, match=r"version 2 .* reads up to version 1: update exposight"):
-        ActiveSensor.from_json(edited(sensor, version=2, new_key=1))
+    with pytest.raises(VersionError, match=r"version 3 .* reads up to version 2: update exposight"):
+        ActiveSensor.from_json(edited(sensor, version=3, new_key=1))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "null"])

@@ -28,7 +28,7 @@ from exposight.imaging import (
 from exposight.measuring import measure, measure_observations, recorded_driver
 from exposight.observing import observe_campaign, read_observations
 from exposight.plans import DepthPlane, MeasuringPlan, read_plan
-from exposight.twin.sensors import LIMITS, MATCHED_MM
+from exposight.twin.sensors.settings import DOT_DEPTHS_MM, STRIPE_LIMITS
 
 STEREO = MeasuringPlan(
     name="stereo sheet",
@@ -161,7 +161,7 @@ def test_raw_frames_decode_to_the_very_cloud(tmp_path, rings_only, one_view, cel
     stack = read_recording(tmp_path / "captures" / "000000", sequence)
     rig = campaign.sensor
     cloud = triangulate(
-        decode(stack, sequence, LIMITS),
+        decode(stack, sequence, STRIPE_LIMITS),
         camera=rig.camera,
         projector=rig.projector.camera,
         projector_from_camera=rig.projector.camera_from_projector.inverse(),
@@ -204,7 +204,7 @@ def test_frames_of_a_stereo_sensor_are_both_images(tmp_path, cell):
     ]
     assert np.array_equal(frames[0], capture.image)
     pair = rectify(*campaign.sensor.cameras, campaign.sensor.first_from_camera[1])
-    cloud = match_pair(*frames, pair, depth_limits_mm=MATCHED_MM)
+    cloud = match_pair(*frames, pair, depth_limits_mm=DOT_DEPTHS_MM)
     np.testing.assert_array_equal(cloud.points, capture.cloud.points)
 
 

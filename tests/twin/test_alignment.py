@@ -47,6 +47,9 @@ def test_photogrammetric_errors_have_the_stated_root_mean_square(photogrammetric
 @pytest.mark.parametrize("what", ["mm", "deg"])
 def test_kinematic_errors_fill_the_range_up_to_the_greatest(kinematic, what):
     sizes = np.array([getattr(each, f"error_{what}") for each in kinematic])
+    if what == "mm":  # beside the systematic shift
+        shifts = np.array([each.reported_from_true.translation_mm for each in kinematic])
+        sizes = np.linalg.norm(shifts - ERRORS.kinematic_mm, axis=1)
     greatest = getattr(ERRORS, f"kinematic_max_{what}")
     assert sizes.max() <= greatest
     assert np.quantile(sizes, [0.25, 0.5, 0.75]) == pytest.approx(
@@ -54,9 +57,12 @@ def test_kinematic_errors_fill_the_range_up_to_the_greatest(kinematic, what):
     )
 
 
-def test_kinematic_errors_have_no_preferred_direction(kinematic):
+def test_kinematic_errors_have_one_direction_and_their_scatter_none(kinematic):
     shifts = np.array([each.reported_from_true.translation_mm for each in kinematic])
-    assert np.abs(shifts.mean(axis=0)).max() < 0.25  # σ of each mean: 5/3/√2000 = 0.04 mm
+    assert shifts.mean(axis=0) == pytest.approx(ERRORS.kinematic_mm, abs=0.005)
+    assert np.linalg.norm(ERRORS.kinematic_mm) == pytest.approx(4.5, abs=0.001)
+    with pytest.raises(InputError, match="kinematic_mm must be three numbers"):
+        AlignmentErrors(kinematic_mm=(1.0, 2.0))
 
 
 def test_the_same_seed_and_view_give_the_same_error():

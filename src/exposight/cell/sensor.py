@@ -4,21 +4,25 @@ Each figure of the presets is given with its source. What the paper does not giv
 assumed; replace it with your own sensor's calibration (`write_sensor`, edit, `read_sensor`).
 
 Table 7 gives each projector's "transformation between camera and projector" as a position and
-"(0, −20, 0)°". It is read here as ``camera_from_projector``: the projector's position in the
-camera's frame, and its axes turned by Ry(−20°) within it. Its optical axis is then
-Ry(−20°)·(0, 0, 1) = (−0.34, 0, 0.94): a projector at x = +220 mm looks back towards −x and crosses
-the measuring field, and surfaces at +x are lit more strongly, as Sect. 3.4.8 reports. Turned by
-+20° instead it would look away from the field.
+"(0, −20, 0)°". The norm of the first is 0.234 m at 19.98° off the image plane, so that one of the
+devices lies in the other's image plane. Read as ``projector_from_camera``, turned by 180° about z
+(as if Table 7's x ran against the TCP's), it puts the projectors at (234, 0, 0) mm and
+(241, −50, −136) mm in the camera's frame, turned by Ry(−20°): their axes cross the cameras' at 643
+and 526 mm, near the TCPs at 600 and 500 mm; the RandomDot's specified field lights the measuring
+field; and surfaces at +x are lit more strongly, as Sect. 3.4.8 reports. Read as
+``camera_from_projector`` instead, the stereo planes would lie 179 to 480 mm before a projector that
+is specified from 500 mm on; without the half turn the bright side would be −x.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -117,6 +121,9 @@ class ActiveSensor:
         Exposure times that it can take.
     working_distance_mm : (float, float), mm
         Nearest and farthest distance along the first camera's axis at which it measures.
+    simulated : mapping of str to object
+        What the simulated cell shall know of it: electronics, lenses, patterns (`exposight.twin`
+        reads it). Nothing else looks at it.
 
     Raises
     ------
@@ -131,6 +138,7 @@ class ActiveSensor:
     camera_from_tcp: StoredPose
     exposure: ExposureRange
     working_distance_mm: tuple[float, float]
+    simulated: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -208,8 +216,15 @@ class ActiveSensor:
         return round(exposure.min_ms + steps * exposure.increment_ms, 6)
 
     def to_json(self) -> str:
-        """Return the sensor as a JSON document (``docs/formats.md``)."""
-        return _FORMAT.to_json(self)
+        """Return the sensor as a JSON document (``docs/formats.md``).
+
+        Without a table ``simulated`` it is of version 1, which older versions of exposight read.
+        """
+        if self.simulated:
+            return _FORMAT.to_json(self)
+        plain = json.loads(replace(_FORMAT, version=1).to_json(self))
+        del plain["simulated"]
+        return json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "the sensor's JSON") -> ActiveSensor:
@@ -225,7 +240,7 @@ class ActiveSensor:
         return _FORMAT.from_json(text, source)
 
 
-_FORMAT = DocumentFormat("exposight sensor", 1, ActiveSensor)
+_FORMAT = DocumentFormat("exposight sensor", 2, ActiveSensor)  # 2: with a table ``simulated``
 
 
 def read_sensor(path: Path) -> ActiveSensor:
@@ -268,6 +283,13 @@ def _ahead(distance_mm: float) -> RigidTransform:
     return RigidTransform(translation_mm=np.array([0.0, 0.0, distance_mm]))
 
 
+def _read_from_table_7(x: float, y: float, z: float) -> RigidTransform:
+    """Return the pose of a projector that Table 7 gives as (x, y, z) mm and (0, −20, 0)°."""
+    half_turn = RigidTransform(rotation=np.diag([-1.0, -1.0, 1.0]))
+    projector_from_camera = RigidTransform.from_fanuc_wpr((x, y, z), 0.0, -20.0, 0.0)
+    return half_turn @ projector_from_camera.inverse() @ half_turn
+
+
 def _comet_pro_ae() -> ActiveSensor:
     # Sect. 3.2.1: 4 megapixels. Table 7: a field of 0.59 m × 0.39 m at 0.60 m. 2464 × 1632 is the
     # size of 4 megapixels at that aspect (assumed), and the field's width gives the focal length.
@@ -275,11 +297,10 @@ def _comet_pro_ae() -> ActiveSensor:
     focal_length_px = width * 600.0 / 590.0
     projector = Projector(
         # 1920 × 1200 px is assumed. Table 7 gives no projector's field, but the real one covers the
-        # measuring field: 1360 px is the longest focal length, rounded down to tens, that lights
+        # measuring field: 1580 px is the longest focal length, rounded down to tens, that lights
         # the whole field at 0.40, 0.60 and 0.80 m from that position.
-        camera=_ideal_camera(1920, 1200, 1360.0),
-        # Table 7: (0.22, 0.0, 0.08) m and (0, −20, 0)°.
-        camera_from_projector=RigidTransform.from_fanuc_wpr((220.0, 0.0, 80.0), 0.0, -20.0, 0.0),
+        camera=_ideal_camera(1920, 1200, 1580.0),
+        camera_from_projector=_read_from_table_7(220.0, 0.0, 80.0),
     )
     return ActiveSensor(
         name="ZEISS COMET Pro AE",
@@ -302,12 +323,10 @@ def _rc_visard_65() -> ActiveSensor:
     focal_length_px = width / 2 / math.tan(math.radians(61.0 / 2))
     camera = _ideal_camera(width, height, focal_length_px)
     projector = Projector(
-        # 1024 × 1024 px is assumed, and so is the field of 77° × 77°: Roboception gives 62° × 48°
-        # for the RandomDot, but from the position in Table 7, 290 mm before the middle plane, that
-        # would light only half of the measuring field.
-        camera=_ideal_camera(1024, 1024, 640.0),
-        # Table 7: (0.18, −0.05, 0.21) m and (0, −20, 0)°.
-        camera_from_projector=RigidTransform.from_fanuc_wpr((180.0, -50.0, 210.0), 0.0, -20.0, 0.0),
+        # Roboception: the RandomDot's field is 62° × 48°. 1800 × 1334 px is assumed: at the TCP
+        # a pixel is then as wide as the camera's, and a dot about 3 of them.
+        camera=_ideal_camera(1800, 1334, 900.0 / math.tan(math.radians(31.0))),
+        camera_from_projector=_read_from_table_7(180.0, -50.0, 210.0),
     )
     return ActiveSensor(
         name="Roboception rc_visard 65 with RandomDot projector",

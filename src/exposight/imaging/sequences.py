@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exposight.cell import BitDepth, full_scale
@@ -59,6 +60,17 @@ class GrayCode:
         if self.code_width < 1:
             msg = f"a Gray code's width must be at least 1 projector px, got {self.code_width}"
             raise ImageError(msg)
+
+    def slides(self, size: int) -> dict[int, NDArray[np.float64]]:
+        """Return 0 or 1 along an axis of `size` px, (size,), by frame."""
+        code = np.arange(size) // self.code_width
+        slides = {}
+        for i, frame in enumerate(self.frames):
+            bit = ((code ^ (code >> 1)) >> (len(self.frames) - 1 - i)) & 1
+            slides[frame] = bit.astype(np.float64)
+            if self.inverse_frames:
+                slides[self.inverse_frames[i]] = 1.0 - slides[frame]
+        return slides
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,6 +262,25 @@ class PatternSequence:
             ("rows", self.rows, self.projector_height),
         )
         return [(axis, coding, size) for axis, coding, size in axes if coding is not None]
+
+    def slides(self) -> dict[int, NDArray[np.float64]]:
+        """Return what the frames that are no fringes show: light from 0 to 1, by frame.
+
+        Returns
+        -------
+        dict of int to ndarray
+            (projector height, projector width), of length 1 along an axis on which it is the same.
+        """
+        slides: dict[int, NDArray[np.float64]] = {}
+        for axis, coding, size in self.axes():
+            if coding.gray_code is not None:
+                shape = (1, -1) if axis == "columns" else (-1, 1)
+                lit = coding.gray_code.slides(size)
+                slides |= {frame: each.reshape(shape) for frame, each in lit.items()}
+        if self.white_frame is not None and self.black_frame is not None:
+            slides[self.white_frame] = np.ones((1, 1))
+            slides[self.black_frame] = np.zeros((1, 1))
+        return slides
 
     @property
     def n_frames(self) -> int:

@@ -15,16 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from exposight.cell import ActiveSensor, Capture, Part, sensor_preset
+from exposight.cell import ActiveSensor, Capture, Part
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.plans import MeasuringPlan, PlannedView, view_seed
 from exposight.twin import sensors
 from exposight.twin.cell_settings import Alignment, SimulatedCellSettings, draw_alignment
-from exposight.twin.light import LightModel, SceneTracer, projector_of
+from exposight.twin.light import LightModel, SceneTracer
 from exposight.twin.part import Finishes, Scene, door, read_scene
-
-_COMET, _VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
 
 _ROUNDING = 1e-9
 """How far a planned pose may be from the one commanded, mm: it went from one frame to another."""
@@ -273,36 +271,29 @@ def scene_checksum(scene: Scene) -> str:
 
 @lru_cache(maxsize=4)
 def _sensor_model(
-    sensor: ActiveSensor, settings: SimulatedCellSettings
+    sensor: ActiveSensor, cell: SimulatedCellSettings
 ) -> sensors.StripeSensor | sensors.DotSensor:
     """Return a sensor with the light, the cameras and the decoding of its kind."""
-    projector, stereo = projector_of(sensor), len(sensor.cameras) > 1
-    electronics = sensors.DOT_ELECTRONICS if stereo else sensors.CameraElectronics()
-    if settings.electrons_per_ms is not None:
-        electronics = replace(electronics, electrons_per_ms=settings.electrons_per_ms)
-    kind, light = (_VISARD, sensors.DOT_LIGHT) if stereo else (_COMET, LightModel())
-    # The blur is that of the same pupil: in px it grows with the focal length.
-    longer = projector.camera.fx / projector_of(kind).camera.fx
-    lens = light.projector
-    lens = replace(lens, defocus_px_mm=lens.defocus_px_mm * longer) if longer != 1.0 else lens
-    light = replace(light, projector=lens, lighting=settings.lighting)
-    if stereo and (settings.sequence or settings.fringes):
-        msg = (
-            f"sensor {sensor.name!r} has {len(sensor.cameras)} cameras, which match dots; leave "
-            "out sequence and fringes"
+    settings = sensors.sensor_settings(sensor, cell.sensor)
+    light = LightModel(projector=settings.projector, camera=settings.lens, lighting=cell.lighting)
+    if len(sensor.cameras) > 1:
+        dots = sensors.DotSensor(
+            sensor=sensor,
+            light=light,
+            dots=settings.dots,
+            matching=settings.matching,
+            depth_limits_mm=settings.depth_limits_mm,
         )
-        raise InputError(msg)
-    if stereo:
-        pairs = [(each.cameras, each.first_from_camera) for each in (sensor, kind)]
-        depths_mm = sensors.MATCHED_MM if pairs[0] == pairs[1] else sensor.working_distance_mm
-        return sensors.DotSensor(
-            sensor=sensor, light=light, electronics=electronics, depth_limits_mm=depths_mm
-        )
-    sequence = settings.sequence or sensors.fringe_sequence(
-        settings.fringes or (1, 8, 64), projector
-    )
+        passed = dots.mean_light
+        return replace(dots, electronics=sensors.electrons_on_matt_white(sensor, settings, passed))
     return sensors.StripeSensor(
-        sensor=sensor, light=light, electronics=electronics, sequence=sequence
+        sensor=sensor,
+        light=light,
+        electronics=sensors.electrons_on_matt_white(sensor, settings, 0.5),
+        sequence=sensors.sequence_of(sensor, settings),
+        image=settings.image,
+        limits=settings.limits,
+        max_depth_noise_mm=settings.max_depth_noise_mm,
     )
 
 

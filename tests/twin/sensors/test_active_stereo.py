@@ -10,15 +10,17 @@ from exposight.cell import sensor_preset
 from exposight.errors import InputError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.twin.light import LightModel, ProjectorLens, SceneTracer, trace_view
-from exposight.twin.sensors import DOT_ELECTRONICS, DOT_LIGHT, DotSensor
+from exposight.twin.sensors import DotSensor
 from exposight.twin.sensors.exposure import spread_by_lens
 from exposight.twin.sensors.patterns import BLURS_PX, render_dots, slide_radiance
+from exposight.twin.sensors.settings import DOT_CAMERA, DOT_PROJECTOR
 
 DEPTH_MEDIAN_MM = 0.3
 """0.1 px of disparity at 0.5 m; a third of the 0.9 mm that Roboception gives there."""
 DEPTH_BIAS_MM = 0.05
 GOOD_MS = 8.0
 SEED = (7, 0, 0)
+DOT_LIGHT = LightModel(projector=DOT_PROJECTOR)
 
 
 def _cut(sensor, distortion=()):
@@ -63,9 +65,7 @@ def capture(dot_sensor, light):
 
 
 def _brighter(sensor, factor):
-    electronics = replace(
-        DOT_ELECTRONICS, electrons_per_ms=factor * DOT_ELECTRONICS.electrons_per_ms
-    )
+    electronics = replace(DOT_CAMERA, electrons_per_ms=factor * DOT_CAMERA.electrons_per_ms)
     return DotSensor(sensor=sensor, electronics=electronics)
 
 
@@ -161,7 +161,7 @@ def test_each_pixel_gets_the_light_that_its_place_on_the_slide_lets_through(sens
     view = trace_view(
         primer, sensor, before(500.0), model=replace(DOT_LIGHT, camera=lens, indirect=True)
     )
-    slide = render_dots(1024, 1024, 0.9)
+    slide = render_dots(1800, 1334, 0.9)
     (tile,) = view.tiles
     place = [tile.row, tile.column]
     shares = np.array([map_coordinates(s / 65535.0, place, order=1, mode="nearest") for s in slide])

@@ -8,10 +8,18 @@ import pytest
 
 from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox
-from exposight.imaging import AxisCoding, Fringe, PatternSequence, decode, triangulate
+from exposight.imaging import (
+    AxisCoding,
+    Fringe,
+    GrayCode,
+    PatternSequence,
+    decode,
+    depth_noise_mm,
+    triangulate,
+)
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
-from exposight.twin.sensors import LIMITS, StripeSensor, ring_boxes
+from exposight.twin.sensors import StripeSensor, ring_boxes
 
 HOLES = ((-25.0, -12.0, 4.0), (15.0, 10.0, 7.0))
 SEED = (1, 2, 3)
@@ -139,10 +147,68 @@ def test_another_seed_gives_other_noise(stripes, light) -> None:
     assert 0.3 < np.mean(a != b) < 1.0
 
 
-def test_the_image_is_the_first_frame_of_the_finest_stripes(stripes, light) -> None:
+def test_the_image_is_the_mean_of_the_finest_stripes_or_the_first_of_them(stripes, light) -> None:
     stack = stripes.frames(light, 60.0, SEED)[0]
-    capture = stripes.capture(light, 60.0, view="v", seed=SEED)
-    assert np.array_equal(capture.image, stack.frames[8])
+    mean = stripes.capture(light, 60.0, view="v", seed=SEED).image
+    assert np.array_equal(mean, np.floor(stack.frames[8:12].mean(axis=0) + 0.5))
+    first = replace(stripes, image="first").capture(light, 60.0, view="v", seed=SEED)
+    assert np.array_equal(first.image, stack.frames[8])
+
+
+def test_the_sensitivity_follows_the_rule(small_sensor, plate, before) -> None:
+    """Bare sheet at the TCP, turned by w = 6°, p = −1°, has 50 grey levels at 25 ms."""
+    camera = replace(small_sensor.camera, width=160, height=160, cx=79.5, cy=79.5)
+    scanner = StripeSensor(sensor=replace(small_sensor, cameras=(camera,)))
+    light = scanner.look(SceneTracer(plate("bare", step_mm=10.0)), before(600.0, 6.0, -1.0))
+    image = scanner.capture(light, 25.0, view="v", seed=SEED).image
+    assert image[50:110, 50:110].mean() == pytest.approx(50.0, abs=1.0)
+
+
+def test_a_camera_of_12_bits_sees_what_one_of_8_does(stripes, light) -> None:
+    deep = replace(
+        stripes,
+        electronics=replace(stripes.electronics, bit_depth=12),
+        sequence=replace(stripes.sequence, bit_depth=12),
+    )
+    eight, twelve = (s.capture(light, 60.0, view="v", seed=SEED) for s in (stripes, deep))
+    assert twelve.image.dtype == np.uint16
+    assert twelve.bit_depth == 12
+    assert twelve.image.astype(float) * 255 / 4095 == pytest.approx(eight.image, abs=1.0)
+    with pytest.raises(ImageError, match=r"8 bits, sequence .* 12; say the same in both"):
+        replace(stripes, sequence=deep.sequence)
+
+
+def test_depth_noise_is_predicted_and_can_be_limited(stripes, light, true_depth_mm) -> None:
+    whole, again = (stripes.capture(light, 60.0, view="v", seed=(4, 5, i)).cloud for i in (0, 1))
+    (stack,) = stripes.frames(light, 60.0, (4, 5, 0))
+    electronics, lamp = stripes.electronics, stripes.sensor.projector
+    middle = stack.frames[8:12].mean(axis=0)
+    electrons = (np.median(middle[whole.valid]) - electronics.black) / electronics.gain
+    predicted = depth_noise_mm(
+        whole,
+        decode(stack, stripes.sequence, stripes.limits),
+        stripes.sequence.columns.fringes[-1],
+        electronics.gain * np.sqrt(electronics.read_noise_e**2 + electrons),
+        projector=lamp.camera,
+        projector_from_camera=lamp.camera_from_projector.inverse(),
+    )
+    scatter = (whole.points[..., 2] - again.points[..., 2]) / np.sqrt(2.0)
+    lit = whole.valid & again.valid & (np.abs(middle - np.median(middle[whole.valid])) < 8)
+    assert scatter[lit].std() == pytest.approx(np.median(predicted[lit]), rel=0.1)
+    # A filter takes a half full pixel's noise.
+    half_full = np.sqrt(electronics.read_noise_e**2 + electronics.full_well_e / 2)
+    filtered = predicted * half_full / np.sqrt(electronics.read_noise_e**2 + electrons)
+    limit = float(np.nanmedian(filtered))
+    quiet = replace(stripes, max_depth_noise_mm=limit)
+    kept = quiet.capture(light, 60.0, view="v", seed=(4, 5, 0)).cloud
+    expected = whole.valid & (filtered <= limit)
+    assert (kept.valid == expected).mean() > 0.999  # points are kept in single precision
+    error = np.abs(whole.points[..., 2] - true_depth_mm)
+    assert np.nanmedian(error[kept.valid]) < np.nanmedian(error[whole.valid & ~kept.valid])
+    bits = AxisCoding(gray_code=GrayCode(frames=tuple(range(2, 13))))
+    gray = replace(stripes.sequence, columns=bits, white_frame=0, black_frame=1)
+    with pytest.raises(SensorError, match="has none; leave out max_depth_noise_mm"):
+        replace(quiet, sequence=gray)
 
 
 def test_mean_of_a_fringes_steps_is_half_the_full_light(stripes, light) -> None:
@@ -151,7 +217,7 @@ def test_mean_of_a_fringes_steps_is_half_the_full_light(stripes, light) -> None:
     expected = (
         60.0 * electronics.electrons_per_ms * light.tiles[0].even
         + 60.0 * electronics.dark_current_e_per_s / 1000
-    ) * electronics.gain
+    ) * electronics.gain + electronics.black
     lit = light.tiles[0].even > 0.5 * light.tiles[0].even.max()
     assert stack.frames[8:12].mean(axis=0)[lit].mean() == pytest.approx(
         expected[lit].mean(), rel=0.002
@@ -224,10 +290,10 @@ def test_a_window_of_the_map_gives_the_very_points_of_the_whole(stripes, light) 
         "projector": lamp.camera,
         "projector_from_camera": lamp.camera_from_projector.inverse(),
     }
-    whole = triangulate(decode(stack, stripes.sequence, LIMITS), **poses)
+    whole = triangulate(decode(stack, stripes.sequence, stripes.limits), **poses)
     box = PixelBox(top=90, bottom=180, left=110, right=290)
     cut = replace(stack, frames=stack.frames[:, 90:180, 110:290].copy())
-    decoded = decode(cut, stripes.sequence, LIMITS)
+    decoded = decode(cut, stripes.sequence, stripes.limits)
     part = triangulate(decoded, **poses, window=box)
     assert np.array_equal(part.points, whole.points[90:180, 110:290], equal_nan=True)
     with pytest.raises(ImageError, match="the window 179 × 90"):

@@ -16,7 +16,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Projector
-from exposight.errors import SensorError
+from exposight.errors import InputError, SensorError
 from exposight.twin.part import Scene
 from exposight.twin.part.finishes import zone_table
 from exposight.twin.part.surfaces import surface_table
@@ -32,6 +32,26 @@ AMBIENT_SHARE: Mapping[Lighting, float] = MappingProxyType(
     {"I": 0.001, "II": 0.5 * 2.0 / 65.0, "III": 0.5 * 3.0 / 65.0}
 )
 """Ambient irradiance as a share of the fully lit projector's at the TCP, facing it."""
+
+
+def ambient_share(lighting: Lighting | float) -> float:
+    """Return the ambient light of a scenario or of a number, as a share (`AMBIENT_SHARE`).
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario, or the number is negative or not finite.
+    """
+    if isinstance(lighting, str):
+        if lighting in AMBIENT_SHARE:
+            return AMBIENT_SHARE[lighting]
+    elif 0 <= lighting < math.inf:
+        return float(lighting)
+    msg = (
+        f"lighting must be one of {', '.join(AMBIENT_SHARE)}, or the ambient light as a share of "
+        f"the projector's from 0 up, got {lighting!r}"
+    )
+    raise InputError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +77,9 @@ class ProjectorLens:
     """
 
     # First prototype of the twin, for the paper's structured-light sensor: c₀ = 0.9, and
-    # σ² = 0.7² + (3.0·|1/z − 1/z_focus|)² with z in m; at 1360 px that is a pupil of 8.8 mm.
+    # σ² = 0.7² + (3.0·|1/z − 1/z_focus|)² with z in m; at 1580 px that is a pupil of 7.6 mm, at the
+    # bright end: a DMD engine at f/2.4 has 4.3 to 6.1 mm. It decides how much position matters for
+    # quality once brightness is given.
     contrast: float = 0.9
     sharp_blur_px: float = 0.7
     defocus_px_mm: float = 3000.0

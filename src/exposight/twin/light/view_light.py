@@ -34,15 +34,15 @@ class LightModel:
         Contrast and blur of the pattern.
     camera : CameraLens
         Point spread and vignetting.
-    lighting : {'I', 'II', 'III'}
-        Light besides the projector's (Sect. 4.1 of the paper).
+    lighting : {'I', 'II', 'III'} or float
+        Light besides the projector's (`ambient_share`).
     indirect : bool
         Whether light takes the way by a second surface.
     """
 
     projector: optics.ProjectorLens = field(default_factory=optics.ProjectorLens)
     camera: optics.CameraLens = field(default_factory=optics.CameraLens)
-    lighting: optics.Lighting = "I"
+    lighting: optics.Lighting | float = "I"
     indirect: bool = True
 
 
@@ -186,7 +186,7 @@ def trace_view(
     )
     eye.check_sees(tracer)
     lamp = lamp_of(sensor, camera_from_part, model.projector)
-    ambient = optics.AMBIENT_SHARE[model.lighting] * lamp.irradiance_at_tcp
+    ambient = optics.ambient_share(model.lighting) * lamp.irradiance_at_tcp
     frame = whole_frame(eye.camera)
     wanted = [frame] if boxes is None else disjoint_boxes([_cut(box, frame) for box in boxes])
     tiles = tuple(_trace_tile(tracer, eye, lamp, model, box, ambient) for box in wanted)

@@ -1,6 +1,11 @@
 """What the sensors make of the light: patterns, grey values, images, clouds."""
 
-from exposight.twin.sensors.active_stereo import DOT_ELECTRONICS, DOT_LIGHT, MATCHED_MM, DotSensor
+from exposight.twin.sensors.active_stereo import DotSensor
 from exposight.twin.sensors.exposure import CameraElectronics, expose
-from exposight.twin.sensors.patterns import fringe_sequence
-from exposight.twin.sensors.structured_light import LIMITS, StripeSensor, ring_boxes
+from exposight.twin.sensors.settings import (
+    SensorSettings,
+    electrons_on_matt_white,
+    sensor_settings,
+    sequence_of,
+)
+from exposight.twin.sensors.structured_light import StripeSensor, ring_boxes

@@ -5,7 +5,7 @@ point where either image is clipped or shows too little texture.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,30 +15,12 @@ from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
 from exposight.geometry import RigidTransform
 from exposight.imaging.rectification import RectifiedPair, rectify
-from exposight.imaging.stereo import match_pair
-from exposight.twin.light import LightModel, ProjectorLens, SceneTracer, projector_of, trace_view
+from exposight.imaging.stereo import StereoLimits, match_pair
+from exposight.twin.light import LightModel, SceneTracer, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
 from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_files, spread_by_lens
-from exposight.twin.sensors.patterns import render_dots, slide_radiance
-
-DOT_LIGHT = LightModel(
-    # Roboception: the RandomDot's lens has 12 mm, f/1.4. Fully open it would blur the dots away at
-    # either end of the working volume, so it is taken as stopped down to f/4 (assumed): a pupil of
-    # 3 mm, a quarter of which times the preset's 640 px is the defocus.
-    projector=ProjectorLens(defocus_px_mm=480.0),
-)
-"""Light of the paper's stereo sensor; in focus at its TCP."""
-
-# Chosen once, from Table 9: the stereo sensor's observations with p_norm ≥ 0.75 were taken at 0.09
-# to 18 ms and have 12 to 241 grey levels. Bare sheet at the TCP, turned to the middle of its
-# training features' range (w = 5°, p = −0.5°), has the middle, 126 grey levels, at 9 ms.
-DOT_ELECTRONICS = CameraElectronics(electrons_per_ms=1.5e9)
-"""Cameras of the paper's stereo sensor. Full well, noise, PRNU and dark current are those of the
-structured-light sensor's camera (assumed): Roboception does not publish them."""
-
-MATCHED_MM = (200.0, 1000.0)
-"""Depths that are matched. Roboception's data sheet: from 0.2 m; the paper's Table 7: the farthest
-plane at 1.00 m."""
+from exposight.twin.sensors.patterns import DotPattern, render_dots, slide_radiance
+from exposight.twin.sensors.settings import DOT_CAMERA, DOT_PROJECTOR
 
 _NOISE = 0x444F5453  # the purpose of a stream of random numbers
 
@@ -73,25 +55,38 @@ class DotSensor:
         Lenses and lighting.
     electronics : CameraElectronics
         Of the first camera; the second has a fixed pattern of its own and is else alike.
-    depth_limits_mm : (float, float), mm
-        Depths that are matched.
+    depth_limits_mm : (float, float), mm, optional
+        Depths that are matched; the sensor's working distance by default.
+    dots : DotPattern
+        The slide.
+    matching : StereoLimits
+        When a match counts.
 
     Raises
     ------
     SensorError
-        If there are not two cameras, the first of them to the left, or there is no projector.
+        If there are not two cameras of 8 bits, the first of them to the left, or there is no
+        projector.
     """
 
     sensor: ActiveSensor
-    light: LightModel = DOT_LIGHT
-    electronics: CameraElectronics = DOT_ELECTRONICS
-    depth_limits_mm: tuple[float, float] = MATCHED_MM
+    light: LightModel = field(default_factory=lambda: LightModel(projector=DOT_PROJECTOR))
+    electronics: CameraElectronics = DOT_CAMERA
+    depth_limits_mm: tuple[float, float] | None = None
+    dots: DotPattern = field(default_factory=DotPattern)
+    matching: StereoLimits = field(default_factory=StereoLimits)
 
     def __post_init__(self) -> None:
         if len(self.sensor.cameras) != 2:
             msg = (
                 f"sensor {self.sensor.name!r}: active stereo needs two cameras, got "
                 f"{len(self.sensor.cameras)}"
+            )
+            raise SensorError(msg)
+        if self.electronics.bit_depth != 8:
+            msg = (
+                f"sensor {self.sensor.name!r}: matching takes images of 8 bits, its cameras have "
+                f"{self.electronics.bit_depth}"
             )
             raise SensorError(msg)
         projector_of(self.sensor)
@@ -103,11 +98,16 @@ class DotSensor:
         first, second = self.sensor.cameras
         return rectify(first, second, self.sensor.first_from_camera[1])
 
+    @property
+    def mean_light(self) -> float:
+        """Share of the projector's light that the slide passes."""
+        return float(self._slide[0].mean()) / np.iinfo(np.uint16).max
+
     @cached_property
     def _slide(self) -> NDArray[np.uint16]:
         projector = projector_of(self.sensor)
         contrast = self.light.projector.contrast
-        return render_dots(projector.width, projector.height, contrast)
+        return render_dots(projector.width, projector.height, contrast, self.dots)
 
     def look(self, tracer: SceneTracer, camera_from_part: RigidTransform) -> DotLight:
         """Trace a view once, for all its exposures.
@@ -158,12 +158,13 @@ class DotSensor:
         self.sensor.check_exposure(exposure_ms)
         pattern = self.electronics.pattern_seed
         even = np.zeros((1, 2), dtype=np.int64), np.zeros((1, 2), dtype=np.float32)
-        grey = []
+        grey: list[NDArray[np.uint8]] = []
         for i, plane in enumerate(light.radiance):
             camera = replace(self.electronics, pattern_seed=pattern + i)
             key = stream_key(*seed, _NOISE, i)
             planes = (plane, plane[None], plane[None])
-            grey.append(expose(planes, even, exposure_ms, camera, noise_key=key)[0])
+            frames = expose(planes, even, exposure_ms, camera, noise_key=key)
+            grey.append(np.asarray(frames[0], dtype=np.uint8))
         return grey[0], grey[1]
 
     def capture(
@@ -195,7 +196,8 @@ class DotSensor:
             If the sensor cannot take this exposure time.
         """
         images = self.images(light, exposure_ms, seed)
-        cloud = match_pair(*images, self.pair, depth_limits_mm=self.depth_limits_mm)
+        depths_mm = self.depth_limits_mm or self.sensor.working_distance_mm
+        cloud = match_pair(*images, self.pair, depth_limits_mm=depths_mm, limits=self.matching)
         return Capture(
             view=view,
             exposure_ms=exposure_ms,

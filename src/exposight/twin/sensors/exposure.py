@@ -7,9 +7,9 @@ For radiance L and exposure time t a pixel collects, on average,
 scatters about that with the variance e + σ_read² (shot and read noise; the Poisson distribution is
 taken as normal, above some ten electrons indistinguishable), and is read out as
 
-    DN = clip(floor(255/full well · e + ½), 0, 255).
+    DN = clip(floor(black + gain·e + ½), 0, top),    gain = (top − black)/full well,
 
-The model is EMVA 1288's: linear until it clips, with the gain 255/full well in DN per electron.
+top being the largest grey level of the bit depth. The model is EMVA 1288's: linear until it clips.
 """
 
 import math
@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import png_bytes
+from exposight.cell import GREY_MAX, BitDepth, Image, full_scale, png_bytes
 from exposight.compiled import njit
 from exposight.errors import InputError, SensorError
 from exposight.twin.light.view_light import TileLight
@@ -42,7 +42,11 @@ class CameraElectronics:
         S: electrons that unit radiance brings in a millisecond. Holds the projector's power, the
         lens's aperture and the quantum efficiency.
     full_well_e : float, e⁻
-        Electrons at grey level 255, where the pixel clips.
+        Electrons that bring a pixel from its black level to where it clips.
+    black_level : float, grey levels 0–255
+        Grey level without light; scaled with the bit depth.
+    bit_depth : 8, 10, 12 or 16
+        Of its grey levels.
     read_noise_e : float, e⁻
         σ_read.
     prnu : float
@@ -58,16 +62,19 @@ class CameraElectronics:
         If a number is negative or not finite, or sensitivity or full well is 0.
     """
 
-    # Chosen once, from exposure times and brightness in the paper: Table 9 gives 13 to 244 grey
-    # levels for 5 to 150 ms on the middle plane, about 2 a ms. Bare sheet at the TCP, turned to the
-    # middle of the training features' range (w = 6°, p = −1°), reaches 50 grey levels in 25 ms.
-    electrons_per_ms: float = 1.7e8
-    # 10 000 e⁻, 25 e⁻ and 0.8 %: the first prototype of the twin, which gave the rise and fall of
-    # p_norm in the paper's Fig. 10. A 4-megapixel sensor of that time (CMV4000, from a
-    # summary of its data sheet) has 13 500 e⁻, 13 e⁻, at most 1 %, and 125 e⁻/s at 25 °C; the dark
-    # current is taken from it.
-    full_well_e: float = 10_000.0
-    read_noise_e: float = 25.0
+    # The rule, chosen once from exposure times and brightness in the paper: Table 9 gives 13 to
+    # 244 grey levels for 5 to 150 ms on the middle plane. Bare sheet at the TCP, turned to the
+    # middle of the training features' range (w = 6°, p = −1°), has 50 grey levels at 25 ms.
+    electrons_per_ms: float = 2.3e8
+    # A 4-megapixel sensor of that time (CMV4000, from a summary of its data sheet) has 13 500 e⁻,
+    # 13 e⁻, at most 1 % of PRNU, and 125 e⁻/s at 25 °C. 0.8 %: the first prototype of the cell.
+    full_well_e: float = 13_500.0
+    # Table 9 of the paper, rows X: every exposure time of every place is there, and yet none has
+    # less than 13 to 15 grey levels; places that are good at 350 ms would show 7 at 20 ms without
+    # an offset. Both together ask for a black level of 7.3 to 13.
+    black_level: float = 10.0
+    bit_depth: BitDepth = 8
+    read_noise_e: float = 13.0
     prnu: float = 0.008
     dark_current_e_per_s: float = 125.0
     pattern_seed: int = 1
@@ -75,19 +82,28 @@ class CameraElectronics:
     def __post_init__(self) -> None:
         positive = (self.electrons_per_ms, self.full_well_e)
         others = (self.read_noise_e, self.prnu, self.dark_current_e_per_s, self.pattern_seed)
-        if not all(0 < value < math.inf for value in positive) or not all(
-            0 <= value < math.inf for value in others
+        if not (
+            all(0 < value < math.inf for value in positive)
+            and all(0 <= value < math.inf for value in others)
+            and 0 <= self.black_level < GREY_MAX / 2
         ):
             msg = (
-                "a camera's electronics needs a sensitivity and a full well above 0, and noise, "
-                f"PRNU, dark current and seed of 0 or more, got {self}"
+                "a camera's electronics needs a sensitivity and a full well above 0, noise, PRNU, "
+                "dark current and seed of 0 or more, and a black level from 0 to below 127.5 of "
+                f"255 grey levels, got {self}"
             )
             raise SensorError(msg)
+        full_scale(self.bit_depth)  # refuses others
+
+    @property
+    def black(self) -> float:
+        """Grey level without light, at the camera's bit depth."""
+        return self.black_level * full_scale(self.bit_depth) / GREY_MAX
 
     @property
     def gain(self) -> float:
-        """Grey levels per electron."""
-        return 255.0 / self.full_well_e
+        """Grey levels per electron, at the camera's bit depth."""
+        return (full_scale(self.bit_depth) - self.black) / self.full_well_e
 
     @property
     def pattern_key(self) -> np.uint64:
@@ -95,7 +111,7 @@ class CameraElectronics:
         return stream_key(self.pattern_seed, 0x50524E55)
 
     def numbers(self, exposure_ms: float) -> NDArray[np.float32]:
-        """Pack (t·S, dark electrons, σ_read², gain, PRNU) for compiled loops.
+        """Pack (t·S, dark electrons, σ_read², gain, PRNU, black level, top) for compiled loops.
 
         Raises
         ------
@@ -112,6 +128,8 @@ class CameraElectronics:
                 self.read_noise_e**2,
                 self.gain,
                 self.prnu,
+                self.black,
+                full_scale(self.bit_depth),
             ],
             dtype=np.float32,
         )
@@ -132,13 +150,11 @@ def _pixel_gain(
 
 
 @njit(inline="always", error_model="numpy")
-def _grey_value(
-    electrons: np.float32, normal: np.float32, read_variance: np.float32, gain: np.float32
-) -> np.uint8:
+def _grey_value(electrons: np.float32, normal: np.float32, camera: NDArray[np.float32]) -> float:
     """Return the grey value of a pixel from its mean electrons and a standard normal number."""
-    noisy = electrons + normal * math.sqrt(max(electrons, np.float32(0.0)) + read_variance)
-    level = math.floor(gain * noisy + np.float32(0.5))
-    return np.uint8(min(max(level, 0.0), 255.0))
+    noisy = electrons + normal * math.sqrt(max(electrons, np.float32(0.0)) + camera[2])
+    level = math.floor(camera[5] + camera[3] * noisy + np.float32(0.5))
+    return float(min(max(level, 0.0), camera[6]))
 
 
 def expose(
@@ -149,7 +165,7 @@ def expose(
     *,
     noise_key: np.uint64,
     place: tuple[int, int, int, int] | None = None,
-) -> NDArray[np.uint8]:
+) -> Image:
     """Take frames of a rectangle of pixels.
 
     Parameters
@@ -171,7 +187,7 @@ def expose(
 
     Returns
     -------
-    (n, rows, columns) ndarray of uint8
+    (n, rows, columns) ndarray of uint8, or uint16 for more than 8 bits
 
     Raises
     ------
@@ -180,7 +196,9 @@ def expose(
     """
     planes, weights = frames
     rows, columns = light[0].shape
-    grey = np.empty((len(planes), rows, columns), dtype=np.uint8)
+    grey: Image = np.empty(
+        (len(planes), rows, columns), dtype=np.uint8 if electronics.bit_depth == 8 else np.uint16
+    )
     _expose(
         light,
         planes,
@@ -203,7 +221,7 @@ def _expose(
     keys: tuple[np.uint64, np.uint64],
     table: NDArray[np.float32],
     place: tuple[int, int, int, int],
-    grey: NDArray[np.uint8],
+    grey: Image,
 ) -> None:
     """Fill all frames; `place` is the tile's top and left and the image's height and width."""
     even, cosine, sine = light
@@ -226,12 +244,10 @@ def _expose(
                         + sine[second_plane, r, c] * weights[f, 1]
                     )
                     electrons = sensitivity * (even[r, c] + stripe) + camera[1]
-                    grey[f, r, c] = _grey_value(
-                        electrons, _normal(bits, table, i), camera[2], camera[3]
-                    )
+                    grey[f, r, c] = _grey_value(electrons, _normal(bits, table, i), camera)
 
 
-def frame_files(frames: Iterable[NDArray[np.uint8]]) -> dict[str, bytes]:
+def frame_files(frames: Iterable[Image]) -> dict[str, bytes]:
     """Return frames, each (rows, columns), as names and contents of files, in their order."""
     return {f"frame-{i:02d}.png": png_bytes(frame) for i, frame in enumerate(frames)}
 

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from exposight.cell import Projector, sensor_preset
 from exposight.compiled import njit
-from exposight.errors import ImageError
+from exposight.errors import SensorError
 from exposight.imaging import AxisCoding, Fringe, PatternSequence
 from exposight.twin.light import TileLight, projector_of
 
 
-def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSequence:
-    """Return fringes over a projector's columns, four steps each.
+def fringe_sequence(
+    periods: Sequence[float], projector: Projector, steps: int = 4
+) -> PatternSequence:
+    """Return fringes over a projector's columns, shifted in equal steps.
 
     Parameters
     ----------
@@ -27,6 +29,8 @@ def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSe
         Periods of each fringe over the projector's width, from few to many; the first at most one.
     projector : Projector
         That shows them.
+    steps : int
+        Steps of each.
 
     Raises
     ------
@@ -34,11 +38,11 @@ def fringe_sequence(periods: Sequence[float], projector: Projector) -> PatternSe
         If the fringes do not ascend, or begin with more than one period.
     """
     fringes = tuple(
-        Fringe(periods=count, frames=(4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3))
+        Fringe(periods=count, frames=tuple(range(steps * i, steps * (i + 1))))
         for i, count in enumerate(periods)
     )
     return PatternSequence(
-        name=f"{', '.join(f'{count:g}' for count in periods)} stripes, four steps each",
+        name=f"{', '.join(f'{count:g}' for count in periods)} stripes, {steps} steps each",
         projector_width=projector.width,
         projector_height=projector.height,
         columns=AxisCoding(fringes=fringes),
@@ -49,15 +53,17 @@ STRIPES = fringe_sequence((1, 8, 64), projector_of(sensor_preset("comet-pro-ae")
 """Stripes of the twin's first prototype, over the 1920 columns of the paper's sensor's preset."""
 
 
-def image_frame(sequence: PatternSequence) -> int:
-    """Return the frame that becomes a capture's image: the first of the finest pattern.
+def image_frames(sequence: PatternSequence) -> tuple[int, ...]:
+    """Return the frames of the finest pattern: all steps of a fringe, or a bit and its inverse.
 
-    Many stripes cross every ring there, as in the pattern that the paper's sensor shows while one
-    sets the exposure (Sect. 3.2.1).
+    Their mean is what is lit evenly. The paper averages brightness in a stripe pattern and does not
+    say which; Table 9's largest brightness at p_norm ≥ 0.75, 125 to 133, is that of their mean
+    (in one image of 64 periods it would be 155 to 162).
     """
     _, coding, _ = sequence.axes()[0]
-    gray = coding.gray_code
-    return coding.fringes[-1].frames[0] if coding.fringes or gray is None else gray.frames[-1]
+    if coding.fringes or coding.gray_code is None:
+        return coding.fringes[-1].frames
+    return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
 
 
 def projected(sequence: PatternSequence, contrast: float) -> Patterns:
@@ -69,18 +75,7 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
         What each frame means. Frames that mean nothing show the mean light.
     contrast : float
         c₀ of the projector: dark parts pass (1 − c₀)/2 of the light, lit ones (1 + c₀)/2.
-
-    Raises
-    ------
-    ImageError
-        If the frames are to have another bit depth than 8.
     """
-    if sequence.bit_depth != 8:
-        msg = (
-            f"the simulated camera takes frames of 8 bits, sequence {sequence.name!r} has "
-            f"{sequence.bit_depth}; describe it with bit_depth = 8"
-        )
-        raise ImageError(msg)
     planes = np.zeros((sequence.n_frames, 2), dtype=np.int64)
     weights = np.zeros((sequence.n_frames, 2), dtype=np.float32)
     waves: dict[str, list[float]] = {"columns": [], "rows": []}
@@ -92,7 +87,7 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
             weights[list(fringe.frames)] = np.stack([np.cos(shift), np.sin(shift)], axis=-1)
             waves[axis].append(fringe.periods / size)
             n_planes += 1
-    slides = _lit(sequence)
+    slides = sequence.slides()
     for frame in slides:
         planes[frame] = (n_planes, 0)
         weights[frame] = (1.0, 0.0)
@@ -109,43 +104,47 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
     )
 
 
-def _lit(sequence: PatternSequence) -> dict[int, NDArray[np.float64]]:
-    """Return where the frames of a Gray code, white and black are lit, by frame: 0 or 1."""
-    lit: dict[int, NDArray[np.float64]] = {}
-    for axis, coding, size in sequence.axes():
-        gray = coding.gray_code
-        if gray is None:
-            continue
-        code = np.arange(size) // gray.code_width
-        shape = (1, size) if axis == "columns" else (size, 1)
-        for i, frame in enumerate(gray.frames):
-            bit = ((code ^ (code >> 1)) >> (len(gray.frames) - 1 - i)) & 1
-            lit[frame] = bit.reshape(shape).astype(np.float64)
-            if gray.inverse_frames:
-                lit[gray.inverse_frames[i]] = 1.0 - lit[frame]
-    if sequence.white_frame is not None and sequence.black_frame is not None:
-        lit[sequence.white_frame] = np.ones((1, 1))
-        lit[sequence.black_frame] = np.zeros((1, 1))
-    return lit
-
-
 BLURS_PX = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Blurs at which the pattern is kept, in projector px. Others are taken as the nearest of these:
 below the first, the dots' own edges are as soft; beyond the last, hardly any contrast is left."""
 _FULL = 65535.0  # transmittance 1 in 16 bits
 
 
-# Roboception does not publish the pattern; chosen once. With the blur, these dots are about 3
-# camera px wide over the working volume, the least that digital image correlation asks for (iDICs,
-# *A good practices guide for digital image correlation*, 2018). They cover a quarter of the slide:
-# in the paper p_norm reaches 0.75 from 12 grey levels on (Table 9, stereo eX), which takes a
-# deviation of half the mean where 6 grey levels of texture are wanted.
-_CELL_PX = 4.0  # side of the square cells with one dot each, projector px
-_DOT_RADIUS_PX = 1.1
 _DOT_SEED = 1
 
 
-def render_dots(width: int, height: int, contrast: float) -> NDArray[np.uint16]:
+@dataclass(frozen=True, kw_only=True)
+class DotPattern:
+    """A slide of random dots, one in every square cell.
+
+    Parameters
+    ----------
+    cell_px, radius_px : float, projector px
+        Side of the cells, and radius of the dots.
+
+    Raises
+    ------
+    SensorError
+        If dots are larger than their cells, or a size is not above 0.
+    """
+
+    # Roboception does not publish the pattern; chosen once. With the blur, these dots are about 3
+    # camera px wide over the working volume, the least that digital image correlation asks for
+    # (iDICs, *A good practices guide for digital image correlation*, 2018). They cover a quarter of
+    # the slide: in the paper p_norm reaches 0.75 from 12 grey levels on (Table 9, stereo eX), which
+    # takes a deviation of half the mean where 6 grey levels of texture are wanted.
+    cell_px: float = 4.0
+    radius_px: float = 1.1
+
+    def __post_init__(self) -> None:
+        if not 0 < 2 * self.radius_px <= self.cell_px < math.inf:
+            msg = f"dots need 0 < 2·radius_px ≤ cell_px, got {self}"
+            raise SensorError(msg)
+
+
+def render_dots(
+    width: int, height: int, contrast: float, dots: DotPattern | None = None
+) -> NDArray[np.uint16]:
     """Draw a slide with random dots at all of `BLURS_PX`.
 
     Parameters
@@ -154,18 +153,21 @@ def render_dots(width: int, height: int, contrast: float) -> NDArray[np.uint16]:
         Of the projector.
     contrast : float
         c₀: the dark parts pass (1 − c₀)/2 of the light, the dots (1 + c₀)/2.
+    dots : DotPattern, optional
+        Their sizes.
 
     Returns
     -------
     (blurs, height, width) ndarray of uint16
         Transmittance, 65535 for 1.
     """
-    rows, columns = math.ceil(height / _CELL_PX), math.ceil(width / _CELL_PX)
+    dots = dots or DotPattern()
+    rows, columns = math.ceil(height / dots.cell_px), math.ceil(width / dots.cell_px)
     rng = np.random.default_rng(_DOT_SEED)
     place = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1)
-    centres = (place + rng.random((rows, columns, 2))) * _CELL_PX - 0.5
+    centres = (place + rng.random((rows, columns, 2))) * dots.cell_px - 0.5
     sharp = np.zeros((height, width), dtype=np.float32)
-    _draw_discs(centres.reshape(-1, 2), _DOT_RADIUS_PX, sharp)
+    _draw_discs(centres.reshape(-1, 2), dots.radius_px, sharp)
     light = 0.5 * (1.0 + contrast * (2.0 * sharp - 1.0))
     return blurred_slide(light)
 

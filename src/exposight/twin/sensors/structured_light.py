@@ -1,8 +1,8 @@
 """A structured-light sensor: frames that are decoded and triangulated like recorded ones.
 
 Frames go through `exposight.imaging`, the code that decodes recordings; a pixel has no point where
-a sample clipped, where the stripes modulate it by less than 18 grey levels, or where coarse and
-fine phases disagree.
+a sample clipped, where the stripes modulate it by too little, or where coarse and fine phases
+disagree. The capture's image, in which brightness is averaged, is the mean of the finest images.
 
 Under a stripe pattern of f periods over the projector's W columns a pixel's radiance is
 
@@ -20,20 +20,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import ActiveSensor, Capture, Cloud, Part
+from exposight.cell import GREY_MAX, ActiveSensor, Capture, Cloud, Image, Part, full_scale
 from exposight.compiled import njit
-from exposight.errors import SensorError
+from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox, ProjectorCamera, RigidTransform
 from exposight.imaging import (
     DecodingLimits,
     FrameStack,
+    Fringe,
     PatternSequence,
     decode,
+    depth_noise_mm,
     sequence_to_toml,
     triangulate,
 )
@@ -51,14 +54,11 @@ from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_fil
 from exposight.twin.sensors.patterns import (
     STRIPES,
     Patterns,
-    image_frame,
+    image_frames,
     projected,
     slide_radiance,
 )
-
-LIMITS = DecodingLimits(min_modulation=18.0, max_residual=0.2)
-"""When a pixel counts as decoded. At 18 grey levels p_norm rises up to a brightness of 25, as in
-the paper's Fig. 10; at 8 it would have risen between 5 and 15."""
+from exposight.twin.sensors.settings import STRIPE_LIMITS, BrightnessImage
 
 _NOISE = 0x4E4F495345  # the purpose of a stream of random numbers
 
@@ -77,19 +77,29 @@ class StripeSensor:
         Of the first camera.
     sequence : PatternSequence, optional
         What is projected; `STRIPES` over the projector's columns by default.
+    image : {'mean', 'first'}
+        A capture's image: the mean of `image_frames`, or the first of them.
+    limits : DecodingLimits
+        When a pixel counts as decoded.
+    max_depth_noise_mm : float, mm, optional
+        Points of which more is predicted are dropped; None keeps them.
 
     Raises
     ------
     SensorError
-        If there is no projector, or it is not of the sequence's size, or there are more cameras.
+        If there is no projector, or it is not of the sequence's size, or the depth noise of a
+        sequence without fringes over the columns is limited.
     ImageError
-        If the sequence is not of 8 bits.
+        If camera and sequence have different bit depths.
     """
 
     sensor: ActiveSensor
     light: LightModel = field(default_factory=LightModel)
     electronics: CameraElectronics = field(default_factory=CameraElectronics)
     sequence: PatternSequence = STRIPES
+    image: BrightnessImage = "mean"
+    limits: DecodingLimits = STRIPE_LIMITS
+    max_depth_noise_mm: float | None = None
 
     def __post_init__(self) -> None:
         projector, sequence = projector_of(self.sensor), self.sequence
@@ -101,12 +111,29 @@ class StripeSensor:
                 "the projector's size"
             )
             raise SensorError(msg)
+        if sequence.bit_depth != self.electronics.bit_depth:
+            msg = (
+                f"sensor {self.sensor.name!r}: its camera has {self.electronics.bit_depth} bits, "
+                f"sequence {sequence.name!r} {sequence.bit_depth}; say the same in both"
+            )
+            raise ImageError(msg)
+        if self.max_depth_noise_mm is not None and not self._fringes:
+            msg = (
+                f"sensor {self.sensor.name!r}: depth noise is predicted from fringes over the "
+                f"projector's columns, sequence {sequence.name!r} has none; leave out "
+                "max_depth_noise_mm"
+            )
+            raise SensorError(msg)
         self.patterns  # noqa: B018  raises where they cannot be shown
 
     @cached_property
     def patterns(self) -> Patterns:
         """What the projector shows."""
         return projected(self.sequence, self.light.projector.contrast)
+
+    @property
+    def _fringes(self) -> tuple[Fringe, ...]:
+        return () if self.sequence.columns is None else self.sequence.columns.fringes
 
     @property
     def needs_whole_frames(self) -> bool:
@@ -116,9 +143,9 @@ class StripeSensor:
     def meaning_of_frames(self) -> dict[str, bytes]:
         """Return what the frames mean, as files that ``exposight decode`` reads, by name."""
         header = (
-            f"# The clouds were decoded with at least {LIMITS.min_modulation:g} grey levels of "
-            f"modulation and at most {LIMITS.max_residual:g}\n"
-            "# periods between coarse and fine phases.\n"
+            "# The clouds were decoded with at least "
+            f"{self.limits.min_modulation:g} grey levels of modulation and at most "
+            f"{self.limits.max_residual:g}\n# periods between coarse and fine phases.\n"
         )
         text = header + sequence_to_toml(replace(self.sequence, file_pattern="frame-*.png"))
         projector = projector_of(self.sensor)
@@ -182,7 +209,8 @@ class StripeSensor:
             planes = (tile.even, tile.cosine, tile.sine)
             place = (tile.box.top, tile.box.left, camera.height, camera.width)
             grey = expose(planes, shown, exposure_ms, self.electronics, noise_key=key, place=place)
-            stacks.append(FrameStack(frames=grey, exposure_ms=exposure_ms))
+            depth = self.electronics.bit_depth
+            stacks.append(FrameStack(frames=grey, bit_depth=depth, exposure_ms=exposure_ms))
         return tuple(stacks)
 
     def capture(
@@ -221,37 +249,47 @@ class StripeSensor:
             If the sensor cannot take this exposure time.
         """
         stacks = self.frames(light, exposure_ms, seed)
-        projector = projector_of(self.sensor)
-        clouds = []
-        for tile, stack in zip(light.tiles, stacks, strict=True):
-            cloud = triangulate(
-                decode(stack, self.sequence, LIMITS),
-                camera=self.sensor.camera,
-                projector=projector.camera,
-                projector_from_camera=projector.camera_from_projector.inverse(),
-                window=tile.box,
-            )
-            clouds.append(cloud)
+        tiles = zip(light.tiles, stacks, strict=True)
+        clouds = [self._measured(stack, tile.box) for tile, stack in tiles]
         if light.is_whole:
             cloud = clouds[0]
         else:
             points = [np.empty((0, 3), dtype=np.float32), *(c.valid_points for c in clouds)]
             cloud = Cloud(points=np.concatenate(points))
+        shown = image_frames(self.sequence)
         frames = range(self.sequence.n_frames) if raw_frames else ()
         return Capture(
             view=view,
             exposure_ms=exposure_ms,
-            image=self.whole_frame(light, stacks, image_frame(self.sequence)),
+            image=self.whole_frame(light, stacks, *(shown if self.image == "mean" else shown[:1])),
+            bit_depth=self.electronics.bit_depth,
             cloud=cloud,
             camera_from_part=light.camera_from_part,
             notes="" if light.is_whole else "only the neighbourhoods of the rings were taken",
             attachments=frame_files(self.whole_frame(light, stacks, i) for i in frames),
         )
 
-    def whole_frame(
-        self, light: StripeLight, stacks: Sequence[FrameStack], frame: int
-    ) -> NDArray[np.uint8]:
-        """Return one of the frames in the camera's size, 0 where no tile is.
+    def _measured(self, stack: FrameStack, box: PixelBox) -> Cloud:
+        """Return the points of a rectangle of pixels."""
+        projector = projector_of(self.sensor)
+        poses: dict[str, Any] = {
+            "projector": projector.camera,
+            "projector_from_camera": projector.camera_from_projector.inverse(),
+        }
+        decoded = decode(stack, self.sequence, self.limits)
+        cloud = triangulate(decoded, camera=self.sensor.camera, window=box, **poses)
+        if self.max_depth_noise_mm is None:
+            return cloud
+        # A filter knows its camera's noise but not each sample's: it takes a half full pixel's.
+        camera = self.electronics
+        half_full = math.sqrt(camera.read_noise_e**2 + camera.full_well_e / 2)
+        grey_noise = half_full * camera.gain * GREY_MAX / full_scale(camera.bit_depth)
+        noise_mm = depth_noise_mm(cloud, decoded, self._fringes[-1], grey_noise, **poses)
+        noisy = (noise_mm > self.max_depth_noise_mm)[..., None]
+        return Cloud(points=np.where(noisy, np.float32(np.nan), cloud.points))
+
+    def whole_frame(self, light: StripeLight, stacks: Sequence[FrameStack], *frames: int) -> Image:
+        """Return one of the frames, or the mean of several, in the camera's size.
 
         Parameters
         ----------
@@ -259,13 +297,18 @@ class StripeSensor:
             The view's light.
         stacks : sequence of FrameStack
             As `frames` took them.
-        frame : int
-            Which one, from 0.
+        *frames : int
+            Which ones, from 0. The image is 0 where no tile is.
         """
-        image = np.zeros((self.sensor.camera.height, self.sensor.camera.width), dtype=np.uint8)
+        size = (self.sensor.camera.height, self.sensor.camera.width)
+        image: Image = np.zeros(
+            size, dtype=np.uint8 if self.electronics.bit_depth == 8 else np.uint16
+        )
+        n = len(frames)
         for tile, stack in zip(light.tiles, stacks, strict=True):
             box = tile.box
-            image[box.top : box.bottom, box.left : box.right] = stack.frames[frame]
+            total = stack.frames[list(frames)].sum(axis=0, dtype=np.uint32)
+            image[box.top : box.bottom, box.left : box.right] = (total + n // 2) // n
         return image
 
 
