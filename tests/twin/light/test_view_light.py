@@ -9,11 +9,11 @@ from exposight.cell import sensor_preset
 from exposight.errors import InputError, SensorError
 from exposight.geometry import PixelBox, RigidTransform
 from exposight.twin.light import (
-    AMBIENT_SHARE,
     CameraLens,
     LightModel,
     ProjectorLens,
     SceneTracer,
+    ambient_share,
     trace_view,
 )
 from exposight.twin.light.view_light import disjoint_boxes
@@ -240,7 +240,7 @@ def test_ambient_light_is_a_share_of_the_projectors(plate, small_sensor, lightin
     cosine = -to_lamp[2] / np.linalg.norm(to_lamp)
     middle = (20 + 2, 20 + 2)
     share = tile.ambient[middle] / tile.direct[middle] * cosine
-    assert share == pytest.approx(AMBIENT_SHARE[lighting], rel=0.01)
+    assert share == pytest.approx(ambient_share(lighting), rel=0.01)
 
 
 def test_the_lens_dims_the_borders_by_cos_to_the_fourth(plate, small_sensor, before) -> None:
