@@ -92,10 +92,10 @@ def test_pattern_coordinates_are_the_projections_of_the_points(
 
 def test_a_wall_throws_a_shadow_where_geometry_says(plate, small_sensor) -> None:
     pose = RigidTransform(translation_mm=np.array([0.0, 0.0, 600.0]))
-    # The projector stands at x = +220: behind a wall at x = 20 of 50 mm lies its shadow.
+    # The projector stands at x = +234: behind a wall at x = 20 of 50 mm lies its shadow.
     tracer = _tracer(plate("primer", wall_at_mm=20.0))
     tile = trace_view(tracer, small_sensor, pose, model=_matt_model()).tiles[0]
-    lamp_x, lamp_z = 220.0, 80.0 - 600.0
+    lamp_x, _, lamp_z = small_sensor.projector.camera_from_projector.translation_mm - (0, 0, 600.0)
     reach = 20.0 - (lamp_x - 20.0) * 50.0 / (-50.0 - lamp_z)  # where the ray over its edge lands
     x = small_sensor.camera.rays()[150, :, 0] * 600.0
     on_sheet = np.abs(tile.depth_mm[150] - 600.0) < 0.1
@@ -262,7 +262,7 @@ def test_blur_is_least_at_the_tcp(plate, small_sensor) -> None:
         tile = trace_view(tracer, small_sensor, pose, boxes=[BOX], model=_matt_model()).tiles[0]
         blurs.append(tile.blur_px[20, 20])
     assert blurs[1] == pytest.approx(ProjectorLens().sharp_blur_px, abs=0.02)
-    assert blurs[0] > blurs[2] > 1.2
+    assert blurs[0] > blurs[2] > 1.0
 
 
 def test_a_lens_that_reaches_no_ray_sees_nothing_there(plate, small_sensor, before) -> None:
