@@ -1,10 +1,12 @@
 """``exposight simulate``: a measuring plan to a campaign, in a cell made of physics."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from exposight.cell import sensor_named_or_read
 from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
@@ -21,6 +23,7 @@ def simulate_command(
     *,
     rings_only: bool = False,
     raw_frames: bool = False,
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
     scene: Path | None = None,
     export_scene_to: Annotated[Path | None, Parameter("--export-scene")] = None,
     list_plans: Annotated[bool, Parameter("--list")] = False,
@@ -49,6 +52,9 @@ def simulate_command(
         whole frames, in a fraction of the time.
     raw_frames
         Keep every frame that a cloud was computed from beside it, for decode to read.
+    sensor
+        Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a sensor's JSON file,
+        whose table "simulated" says electronics, lenses and patterns (docs/formats.md).
     scene
         Another part than the built-in door: a folder as --export-scene writes it.
     export_scene_to
@@ -74,6 +80,8 @@ def simulate_command(
         )
         raise MissingFileError(msg)
     chosen = plan_from(plan)
+    if sensor is not None:
+        chosen = replace(chosen, sensor=sensor_named_or_read(sensor))
     if export_scene_to is not None:
         if rings_only or raw_frames or options != DEFAULTS:
             msg = "--export-scene simulates nothing: leave out everything but --scene"
