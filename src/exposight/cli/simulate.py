@@ -53,8 +53,8 @@ def simulate_command(
     raw_frames
         Keep every frame that a cloud was computed from beside it, for decode to read.
     sensor
-        Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a sensor's JSON file,
-        whose table "simulated" says electronics, lenses and patterns (docs/formats.md).
+        Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a JSON file, whose
+        table "simulated" says electronics, lenses and patterns (docs/formats.md).
     scene
         Another part than the built-in door: a folder as --export-scene writes it.
     export_scene_to
