@@ -13,6 +13,7 @@ from embreex.rtcore_scene import EmbreeScene
 from exposight.cell import ActiveSensor, Capture, Cloud, ExposureRange, sensor_preset
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import observe_capture, orientation_deg, point_search, view_features
+from exposight.twin import SimulatedCell, SimulatedCellSettings
 from exposight.twin.part import DOOR, FINISHES, door
 from exposight.twin.part import car_door as door_module
 from exposight.twin.part.car_door import (
@@ -30,6 +31,12 @@ TRAINING = {f"f{i}" for i in range(1, 5)}
 MORE_TRAINING = {f"f{i}" for i in range(5, 10)}
 TEST = {f"f{i}_test" for i in range(1, 5)}
 OUTSIDE = {f"f{i}_out" for i in range(1, 6)}
+SLOTS, POCKETS, SPHERES, POINTS = (
+    {f"{kind}_{i}" for i in (1, 2)} for kind in ("slot", "pocket", "sphere", "point")
+)
+OTHER_KINDS = SLOTS | POCKETS | SPHERES | POINTS
+
+ROUND = [hole for hole in DOOR.holes if hole.length_mm is None]
 
 NORMAL_TOLERANCE_DEG = 0.3
 """On a crown of 2.2 m a ring of 35 mm leaves its centre's plane by 0.9°, on average by nothing."""
@@ -73,17 +80,23 @@ def test_is_watertight_and_consistently_oriented(mesh):
     assert mesh.is_winding_consistent
 
 
-def test_euler_number_counts_every_hole_and_the_opening(mesh):
-    assert mesh.body_count == 1
-    assert mesh.euler_number == 2 - 2 * (len(DOOR.holes) + 1)
+def test_euler_number_counts_every_hole_the_opening_and_the_balls(mesh):
+    assert mesh.body_count == 1 + len(SPHERES)
+    assert mesh.euler_number == 2 - 2 * (len(DOOR.holes) + 1) + 2 * len(SPHERES)
 
 
 @pytest.mark.slow
 def test_is_a_sheet_of_one_thickness_looking_outwards(mesh, scene):
     upward = scene.face_normals()[:, 2]
-    skins = mesh.area_faces[upward < -0.3].sum(), mesh.area_faces[upward > 0.3].sum()
+    spheres = [scene.part.feature(name) for name in SPHERES]
+    sheet = np.ones(len(upward), dtype=bool)
+    for ball in spheres:
+        from_ball = mesh.triangles_center - ball.part_from_feature.translation_mm
+        sheet &= np.linalg.norm(from_ball, axis=1) > ball.radius_mm
+    skins = [mesh.area_faces[sheet & (sign * upward > 0.3)].sum() for sign in (-1, 1)]
+    balls = sum(4 / 3 * np.pi * ball.radius_mm**3 for ball in spheres)
     # walls and rounded edges are 1 % of the skins' area
-    assert mesh.volume == pytest.approx(DOOR.thickness_mm * np.mean(skins), rel=0.01)
+    assert mesh.volume - balls == pytest.approx(DOOR.thickness_mm * np.mean(skins), rel=0.01)
     assert scene.volume_mm3() == pytest.approx(mesh.volume, rel=1e-9)
 
 
@@ -115,7 +128,7 @@ def test_smooth_normals_are_those_of_the_design(scene):
 
 
 def test_has_at_least_thirty_holes_of_3_to_30_mm(scene):
-    radii = [feature.radius_mm for feature in scene.part.features]
+    radii = [feature.radius_mm for feature in scene.part.features if feature.kind == "hole"]
     assert len(radii) >= 30
     assert (min(radii), max(radii)) == (3, 30)
 
@@ -141,10 +154,10 @@ def test_orientations_fill_the_ranges_of_table_9(scene, names, w_range, p_range)
 
 @pytest.fixture(scope="module")
 def rings(scene):
-    """Return for each feature the triangles of its ring and their depth in its frame."""
+    """Return for each round hole the triangles of its ring and their depth in its frame."""
     centres = scene.vertices[scene.faces].mean(axis=1)
     found = {}
-    for feature in scene.part.features:
+    for feature in map(DOOR.feature, ROUND):
         from_feature = np.abs(centres[:, :2] - feature.part_from_feature.translation_mm[:2])
         near = np.flatnonzero(from_feature.max(axis=1) < feature.radius_mm + 6)
         local = feature.part_from_feature.inverse().apply(centres[near])
@@ -158,7 +171,7 @@ def rings(scene):
 @pytest.mark.slow
 def test_features_look_along_the_mesh_normals(scene, rings):
     normals = scene.face_normals()
-    for feature in scene.part.features:
+    for feature in map(DOOR.feature, ROUND):
         on_ring, depth = rings[feature.name]
         mean = normals[on_ring].mean(axis=0)
         cosine = -float(mean @ feature.part_from_feature.z_axis) / np.linalg.norm(mean)
@@ -168,7 +181,7 @@ def test_features_look_along_the_mesh_normals(scene, rings):
 
 
 def test_walls_stand_at_the_radius_and_rims_are_rounded(scene):
-    for hole, feature in zip(DOOR.holes, scene.part.features, strict=True):
+    for hole, feature in zip(ROUND, map(DOOR.feature, ROUND), strict=True):
         from_feature = np.abs(scene.vertices - feature.part_from_feature.translation_mm)
         near = from_feature.max(axis=1) < feature.radius_mm + 3
         x, y, depth = feature.part_from_feature.inverse().apply(scene.vertices[near]).T
@@ -181,7 +194,7 @@ def test_walls_stand_at_the_radius_and_rims_are_rounded(scene):
 
 def test_rings_lie_on_sheet_free_of_beads_pockets_and_borders():
     for hole in DOOR.holes:
-        flat = hole.radius_mm + 10
+        flat = hole.radius_mm + hole.straight_mm / 2 + 10
         around = hole.centre_mm[None]
         assert DOOR.outline.distance_mm(around)[0] < -flat, hole.name
         assert DOOR.opening.distance_mm(around)[0] > flat, hole.name
@@ -193,6 +206,40 @@ def test_rings_lie_on_sheet_free_of_beads_pockets_and_borders():
             if other is not hole:
                 apart = float(np.linalg.norm(other.centre_mm - hole.centre_mm))
                 assert apart > flat + other.radius_mm + 5, (hole.name, other.name)
+
+
+def test_other_kinds_lie_on_plain_sheet_away_from_holes_and_presses(scene):
+    for feature in map(scene.part.feature, sorted(OTHER_KINDS)):
+        region, centre = feature.measured_region(), feature.part_from_feature.translation_mm[:2]
+        xy = feature.part_from_feature.apply(region.outline(0.0))[:, :2]
+        depth = feature.part_from_feature.inverse().apply(DOOR.points(xy))[:, 2]
+        if feature.kind == "sphere":  # it stands on the sheet, let in by half the thickness
+            depth -= feature.radius_mm - DOOR.thickness_mm / 2
+        assert depth == pytest.approx(0, abs=0.5), feature.name
+        assert DOOR.outline.distance_mm(xy).max() < -20
+        assert DOOR.opening.distance_mm(xy).min() > 20
+        for press in (*DOOR.presses, *DOOR.neighbours):
+            if feature.kind != "pocket" or press.distance_mm(centre[None])[0] > 0:
+                assert press.distance_mm(xy).min() > press.profile.width_mm + 3, feature.name
+        for hole in DOOR.holes:
+            if hole.name != feature.name:
+                assert hole.distance_mm(xy).min() > 15, (feature.name, hole.name)
+
+
+def test_balls_are_round_and_the_floor_of_a_pocket_is_as_deep_as_it_says(scene):
+    for feature in map(scene.part.feature, SPHERES | POCKETS):
+        local = feature.part_from_feature.inverse().apply(scene.vertices)
+        if feature.kind == "sphere":
+            distance = np.linalg.norm(local, axis=1)
+            on_ball = distance < feature.radius_mm + 1e-6
+            assert on_ball.sum() >= 2562, feature.name
+            assert distance[on_ball & (local[:, 2] < 0)] == pytest.approx(feature.radius_mm)
+        else:
+            depth = {"pocket_1": 6.0, "pocket_2": 8.0}[feature.name]
+            middle = np.linalg.norm(local[:, :2], axis=1) < 5
+            skins = depth, depth + DOOR.thickness_mm
+            off = np.abs(local[middle, 2, None] - np.array(skins)).min(axis=1)
+            assert off.max() < 0.15, feature.name  # it is pressed along z, not along the normal
 
 
 # -- neighbours ----------------------------------------------------------------------------------
@@ -220,7 +267,7 @@ def collides(press, others):
 def drawn_neighbours():
     """Draw half of the study's inside holes and half of the others, and what lies beside them."""
     rng = np.random.default_rng(1)
-    inside = [hole for hole in DOOR.holes if hole.side == "inside"]
+    inside = [hole for hole in ROUND if hole.side == "inside"]
     drawn, presses = {}, list(DOOR.presses)
     for of_study in (True, False):
         group = [hole for hole in inside if (hole.orientation_deg is not None) == of_study]
@@ -258,7 +305,7 @@ def test_no_neighbour_reaches_a_ring_and_rings_on_pads_are_flat():
         xy = hole.centre_mm + ((hole.radius_mm + distance)[..., None] * around).reshape(-1, 2)
         np.testing.assert_array_equal(DOOR.height_mm(xy), alone.height_mm(xy))
         if hole.orientation_deg is not None:
-            depth = DOOR.frame(hole).inverse().apply(DOOR.points(xy))[:, 2]
+            depth = DOOR.frame(hole.centre_mm).inverse().apply(DOOR.points(xy))[:, 2]
             assert depth == pytest.approx(0, abs=1e-6), hole.name
 
 
@@ -345,7 +392,7 @@ def perfect_rows(scene, embree, sensor, camera_from_part):
 @pytest.mark.parametrize(
     ("before", "position_mm", "names"),
     [
-        (BEFORE_INSIDE, (0, 0, 0), TRAINING | TEST),
+        (BEFORE_INSIDE, (0, 0, 0), TRAINING | TEST | OTHER_KINDS),
         (BEFORE_INSIDE, (-150, 80, -190), {"f1", "f2"}),
         (BEFORE_INSIDE, (100, -60, -190), {"f1", "f1_test"}),
         (BEFORE_INSIDE, (0, 0, 200), TRAINING | MORE_TRAINING | TEST),
@@ -359,6 +406,20 @@ def test_a_perfect_sensor_finds_every_point(scene, embree, sensor, before, posit
     assert names <= rows.keys()
     for name, p_norm in rows.items():
         assert p_norm == pytest.approx(1.0, abs=PERFECT_TOLERANCE), name
+
+
+def test_every_kind_is_measured_in_one_view():
+    """At an exposure time that suits primer before the middle of the door."""
+    sensor = sensor_preset("comet-pro-ae")
+    settings = SimulatedCellSettings(rings_only=True, finish="primer")
+    cell = SimulatedCell(sensor, settings, features=OTHER_KINDS | {"f1"})
+    capture = cell.capture(120.0, sensor.camera_from_tcp, view="v")
+    views = view_features(cell.part, sensor, capture.camera_from_part)
+    rows = observe_capture(capture, views, point_search(capture.cloud, sensor.camera))
+    p_norm = {row.feature: row.p_norm for row in rows}
+    kinds = {cell.part.feature(name).kind for name in OTHER_KINDS | {"f1"}}
+    assert kinds == {"hole", "slot", "pocket", "sphere", "surface_point"}
+    assert min(p_norm[name] for name in OTHER_KINDS | {"f1"}) >= 0.9
 
 
 def test_pockets_and_beads_throw_shadows(scene, embree, sensor):

@@ -143,7 +143,7 @@ def test_a_pad_is_flat_round_its_hole_and_gone_further_out():
     hole = Hole(name="f", x_mm=10, y_mm=5, radius_mm=6, orientation_deg=(8.0, -6.0))
     shape = sheet(hole, crown_mm=(500.0, 500.0))
     bare = dataclasses.replace(shape, holes=())
-    frame = shape.frame(hole)
+    frame = shape.frame(hole.centre_mm)
     xy = np.random.default_rng(1).uniform(-60, 60, (4000, 2))
     distance = np.linalg.norm(xy - hole.centre_mm, axis=1)
     off_plane = (shape.points(xy) - frame.translation_mm) @ frame.z_axis
@@ -184,12 +184,43 @@ def test_a_hole_in_a_tilted_sheet_is_round():
     hole = Hole(name="f", x_mm=10, y_mm=5, radius_mm=12)
     shape = sheet(hole, slope_deg=(20.0, -15.0))
     plate = mesh_sheet(shape, DOOR_MESH)
-    local = shape.frame(hole).inverse().apply(plate.vertices)
+    local = shape.frame(hole.centre_mm).inverse().apply(plate.vertices)
     radius = np.hypot(local[:, 0], local[:, 1])
     rim = radius[radius < 12.2]
     wall = rim[rim < 12 + 1e-6]
     assert rim.min() == pytest.approx(12, abs=1e-6)
     assert len(wall) == 2 * np.ceil(2 * np.pi * 12.4 / DOOR_MESH.rim_spacing_mm)
+
+
+def test_a_slot_in_a_tilted_sheet_has_straight_sides_and_round_ends():
+    slot = Hole(name="s", x_mm=10, y_mm=5, radius_mm=4, length_mm=24, direction_deg=30)
+    shape = sheet(slot, slope_deg=(20.0, -15.0))
+    plate = mesh_sheet(shape, DOOR_MESH)
+    mesh = trimesh.Trimesh(plate.vertices, plate.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.euler_number == 2 - 2 * 2
+    feature = shape.feature(slot)
+    assert (feature.kind, feature.length_mm, feature.width_mm) == ("slot", 24, 8)
+    x, y, _ = feature.part_from_feature.inverse().apply(plate.vertices).T
+    distance = np.hypot(np.clip(np.abs(x) - 8, 0, None), y)
+    wall = distance < 4.01
+    assert distance[wall] == pytest.approx(4, abs=0.01)
+    assert (x[wall].min(), x[wall].max()) == pytest.approx((-12, 12), abs=0.01)
+    rim = 2 * np.pi * 4.4 + 2 * 16
+    assert wall.sum() == 2 * np.ceil(rim / DOOR_MESH.rim_spacing_mm)
+
+
+def test_a_slot_has_a_pad_along_its_length():
+    tilt = (8.0, -6.0)
+    slot = Hole(name="s", x_mm=0, y_mm=5, radius_mm=4, length_mm=24, orientation_deg=tilt)
+    shape = sheet(slot, crown_mm=(500.0, 500.0))
+    xy = np.random.default_rng(1).uniform(-40, 40, (4000, 2))
+    frame = shape.frame(slot.centre_mm)
+    off_plane = np.abs((shape.points(xy) - frame.translation_mm) @ frame.z_axis)
+    assert off_plane[slot.distance_mm(xy) < 11].max() < 1e-6
+    beyond = slot.distance_mm(xy) > 23
+    bare = dataclasses.replace(shape, holes=())
+    assert shape.height_mm(xy)[beyond] == pytest.approx(bare.height_mm(xy)[beyond])
 
 
 def test_a_bend_is_cut_more_finely():

@@ -2,6 +2,7 @@
 
 from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
 from exposight.twin.part.finishes import Finishes, Zone
+from exposight.twin.part.presses import Bead, Pocket, PressProfile, RingBead, RoundedPolygon
 from exposight.twin.part.scene import (
     FEATURES_FILE,
     MESH_FILE,
@@ -12,13 +13,5 @@ from exposight.twin.part.scene import (
     read_scene,
 )
 from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
-from exposight.twin.part.sheet_shape import (
-    Bead,
-    Hole,
-    Pocket,
-    PressProfile,
-    RingBead,
-    RoundedPolygon,
-    SheetShape,
-)
+from exposight.twin.part.sheet_shape import Hole, SheetShape
 from exposight.twin.part.surfaces import FINISHES, SURFACES, ClearCoat, Finish, SecondLobe, Surface

@@ -20,7 +20,8 @@ import numpy as np
 from exposight.cell import PAPER_TOLERANCE, Part
 from exposight.errors import FileError
 from exposight.files import KeptFiles
-from exposight.twin.part import sheet_shape
+from exposight.twin.part import presses, sheet_shape
+from exposight.twin.part.features_on_sheet import Ball, PocketFeature, SurfacePoint
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
 from exposight.twin.part.surfaces import FINISHES, Finish
@@ -33,22 +34,25 @@ OUTSIDE_ZONES: Final[tuple[tuple[float, Finish], ...]] = (
 """The outer skin's finish up to each x in mm: one zone for each of the paper's three groups of
 outside features (f1 | f2, f3 | f4, f5). The inner skin and all walls are bare."""
 
-_BEAD = sheet_shape.PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
+_BALL_FINISH: Final[Finish] = "primer"
+"""Reference balls are coated matt."""
+
+_BEAD = presses.PressProfile(depth_mm=-3.5, bend_mm=3.5, wall_deg=50.0)
 
 
-def _wall(depth_mm: float) -> sheet_shape.PressProfile:
-    return sheet_shape.PressProfile(depth_mm=depth_mm, bend_mm=4.0, wall_deg=65.0)
+def _wall(depth_mm: float) -> presses.PressProfile:
+    return presses.PressProfile(depth_mm=depth_mm, bend_mm=4.0, wall_deg=65.0)
 
 
 def _pocket(
     left: float, right: float, top: float, bottom: float, corner: float, depth: float
-) -> sheet_shape.Pocket:
-    floor = sheet_shape.RoundedPolygon.rectangle(left, right, top, bottom, corner)
-    return sheet_shape.Pocket(floor=floor, profile=_wall(depth))
+) -> presses.Pocket:
+    floor = presses.RoundedPolygon.rectangle(left, right, top, bottom, corner)
+    return presses.Pocket(floor=floor, profile=_wall(depth))
 
 
-def _bead(x0: float, y0: float, x1: float, y1: float) -> sheet_shape.Bead:
-    return sheet_shape.Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
+def _bead(x0: float, y0: float, x1: float, y1: float) -> presses.Bead:
+    return presses.Bead(start_mm=(x0, y0), end_mm=(x1, y1), profile=_BEAD)
 
 
 def _hole(
@@ -119,6 +123,49 @@ _OTHERS = tuple(
 
 _HOLES = _TRAINING + _MORE_TRAINING + _TEST + _OUTSIDE + _OTHERS
 
+
+def _slot(
+    name: str, x: float, y: float, length: float, width: float, direction_deg: float
+) -> sheet_shape.Hole:
+    return sheet_shape.Hole(
+        name=name,
+        x_mm=x,
+        y_mm=y,
+        radius_mm=width / 2,
+        length_mm=length,
+        direction_deg=direction_deg,
+    )
+
+
+def _small_pocket(
+    name: str, x: float, y: float, length: float, width: float, depth: float
+) -> PocketFeature:
+    return PocketFeature(
+        name=name,
+        x_mm=x,
+        y_mm=y,
+        length_mm=length,
+        width_mm=width,
+        floor_radius_mm=4.0,
+        profile=_wall(depth),
+    )
+
+
+# The paper's study has holes only; these are for campaigns of other kinds, far from every hole.
+_SLOTS = (_slot("slot_1", -182, 148, 24, 8, 30), _slot("slot_2", -166, 28, 16, 6, 100))
+_POCKETS = (
+    _small_pocket("pocket_1", 232, -110, 40, 30, 6.0),
+    _small_pocket("pocket_2", -180, -156, 60, 44, 8.0),
+)
+_BALLS = (
+    Ball(name="sphere_1", x_mm=4, y_mm=-80, radius_mm=6.0),
+    Ball(name="sphere_2", x_mm=100, y_mm=-8, radius_mm=10.0),
+)
+_POINTS = (
+    SurfacePoint(name="point_1", x_mm=22, y_mm=92, radius_mm=5.0),
+    SurfacePoint(name="point_2", x_mm=88, y_mm=162, radius_mm=8.0),
+)
+
 NeighbourKind = Literal["bead", "platform", "recess"]
 
 NEIGHBOURS: Final[Mapping[str, tuple[NeighbourKind, float, float]]] = {
@@ -146,7 +193,7 @@ nothing (the tests draw them again)."""
 
 def press_beside(
     hole: sheet_shape.Hole, kind: NeighbourKind, direction_deg: float, gap_mm: float
-) -> sheet_shape.Press:
+) -> presses.Press:
     """Return a short bead, or a step up or down, across a direction from a hole.
 
     Parameters
@@ -170,18 +217,16 @@ def press_beside(
         return _bead(*(near - along), *(near + along))
     far = near + 16.0 * away
     corners = np.array([near - along, near + along, far + along, far - along])
-    floor = sheet_shape.RoundedPolygon(
-        corners_mm=tuple(map(tuple, corners.tolist())), radius_mm=6.0
-    )
-    return sheet_shape.Pocket(floor=floor, profile=profile)
+    floor = presses.RoundedPolygon(corners_mm=tuple(map(tuple, corners.tolist())), radius_mm=6.0)
+    return presses.Pocket(floor=floor, profile=profile)
 
 
 DOOR: Final = sheet_shape.SheetShape(
-    outline=sheet_shape.RoundedPolygon(
+    outline=presses.RoundedPolygon(
         corners_mm=((-500, 350), (-500, -120), (-300, -350), (500, -350), (500, 350)),
         radius_mm=50.0,
     ),
-    opening=sheet_shape.RoundedPolygon.rectangle(190, 430, -300, -170, 35.0),
+    opening=presses.RoundedPolygon.rectangle(190, 430, -300, -170, 35.0),
     thickness_mm=1.2,
     rim_mm=0.4,
     pad_margin_mm=11.0,  # the ring's 5 mm, and more than 5 mm of smooth sheet round it
@@ -194,7 +239,7 @@ DOOR: Final = sheet_shape.SheetShape(
         _pocket(300, 430, -110, 20, 25.0, 14.0),  # the handle's recess
         _pocket(-250, -60, -310, -225, 25.0, -9.0),  # a platform for a bracket
         _pocket(300, 440, 130, 190, 20.0, -8.0),  # a small platform
-        sheet_shape.RingBead(centre_mm=(-340, 170), radius_mm=108.0, profile=_BEAD),
+        presses.RingBead(centre_mm=(-340, 170), radius_mm=108.0, profile=_BEAD),
         _bead(-112, -190, -112, -40),
         _bead(60, -190, 60, -60),
         _bead(-40, 55, 50, 55),
@@ -203,8 +248,9 @@ DOOR: Final = sheet_shape.SheetShape(
         _bead(-130, 60, -130, 200),
         _bead(80, 205, 240, 170),
         _bead(-220, 315, 440, 315),
+        *(pocket.press for pocket in _POCKETS),
     ),
-    holes=_HOLES,
+    holes=_HOLES + _SLOTS,
     neighbours=tuple(
         press_beside(hole, *NEIGHBOURS[hole.name]) for hole in _HOLES if hole.name in NEIGHBOURS
     ),
@@ -221,7 +267,7 @@ DOOR_MESH: Final = MeshSettings(
     growth=1.25,
     arc_steps=3,  # 0.2 mm each
 )
-"""How finely the door is cut into triangles: about 1.2 million."""
+"""How finely the door is cut into triangles: about 1.3 million."""
 
 
 logger = logging.getLogger(__name__)
@@ -229,7 +275,7 @@ logger = logging.getLogger(__name__)
 CACHE_VARIABLE = "EXPOSIGHT_CACHE"
 """Environment variable that names another cache folder."""
 
-_VERSION = 2
+_VERSION = 3
 """To be raised when the same design gives another mesh."""
 
 _CACHED = "door.npz"
@@ -241,7 +287,8 @@ def build_door() -> Scene:
     Returns
     -------
     Scene
-        Watertight, about 1.2 million triangles; the inside bare, the outside in three zones.
+        Three closed bodies (sheet and balls), about 1.3 million triangles; the inside bare, the
+        outside in three zones.
     """
     mesh = mesh_sheet(DOOR, DOOR_MESH)
     x_mm = mesh.vertices[mesh.faces, 0].mean(axis=1)
@@ -249,8 +296,22 @@ def build_door() -> Scene:
     zone_finish = np.array([FINISHES.index(finish) for _, finish in OUTSIDE_ZONES], dtype=np.uint8)
     bare = np.uint8(FINISHES.index("bare"))
     finish = np.where(mesh.outer, zone_finish[np.searchsorted(borders, x_mm, side="right")], bare)
+    vertices, faces = [mesh.vertices], [mesh.faces]
+    n_vertices = len(mesh.vertices)
+    for ball in _BALLS:
+        ball_vertices, ball_faces = ball.mesh(DOOR)
+        vertices.append(ball_vertices)
+        faces.append(ball_faces + np.int32(n_vertices))
+        n_vertices += len(ball_vertices)
+    n_of_balls = sum(map(len, faces[1:]))
+    of_balls = np.full(n_of_balls, FINISHES.index(_BALL_FINISH), dtype=np.uint8)
     return check_scene(
-        Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=door_part())
+        Scene(
+            vertices=np.concatenate(vertices),
+            faces=np.concatenate(faces),
+            face_finish=np.concatenate([finish, of_balls]),
+            part=door_part(),
+        )
     )
 
 
@@ -267,7 +328,7 @@ def door(cache: Path | None = None) -> Scene:
     Scene
         As `build_door` makes it.
     """
-    decisive = (_VERSION, DOOR, DOOR_MESH, OUTSIDE_ZONES)
+    decisive = (_VERSION, DOOR, DOOR_MESH, OUTSIDE_ZONES, _BALLS, _BALL_FINISH)
     kept = KeptFiles(Path(cache or cache_folder()), repr(decisive))
     path = kept.find(_CACHED)
     if path is not None:
@@ -298,5 +359,7 @@ def cache_folder() -> Path:
 
 
 def door_part() -> Part:
-    """Return the door with its 35 features; no mesh is needed for it."""
-    return Part(name="door", features=tuple(map(DOOR.feature, DOOR.holes)))
+    """Return the door with its 35 holes and the features of other kinds; no mesh is needed."""
+    others = (*_POCKETS, *_BALLS, *_POINTS)
+    features = (*map(DOOR.feature, DOOR.holes), *(other.feature(DOOR) for other in others))
+    return Part(name="door", features=features)

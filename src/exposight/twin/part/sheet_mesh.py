@@ -1,7 +1,7 @@
 """A closed triangle mesh of a pressed sheet, without a CAD kernel.
 
 In the part's (x, y) plane, points are laid out as a triangular lattice, finer where the sheet
-bends, and as circles round the holes that grow coarser outwards; Delaunay's triangulation joins
+bends, and as rings round the holes that grow coarser outwards; Delaunay's triangulation joins
 them. The plane is lifted onto the inner skin, offset by the thickness onto the outer skin, and
 every border (outline, opening, holes) is closed by a wall with rounded edges.
 """
@@ -33,7 +33,7 @@ class MeshSettings:
     border_spacing_mm : float, mm
         Edge of the triangles along the outline and the opening.
     growth : float
-        Each circle of points round a hole is this much coarser than the one inside it.
+        Each ring of points round a hole is this much coarser than the one inside it.
     arc_steps : int
         Edges across the rounded edge of a border.
     """
@@ -84,23 +84,21 @@ def mesh_sheet(shape: SheetShape, settings: MeshSettings) -> SheetMesh:
         shape.outline.outline(settings.border_spacing_mm),
         shape.opening.outline(settings.border_spacing_mm)[::-1],
     ]
-    circles: list[NDArray[np.float64]] = []
+    rings: list[NDArray[np.float64]] = []
     for hole in shape.holes:
-        rim, *others = _circles(shape, hole, settings)
+        rim, *others = _rings(shape, hole, settings)
         loops.append(rim[::-1])
-        circles.extend(others)
-    xy = np.concatenate([*loops, *circles, _lattice(shape, settings)])
+        rings.extend(others)
+    xy = np.concatenate([*loops, *rings, _lattice(shape, settings)])
     sizes = [len(loop) for loop in loops]
     return _close(shape, xy, _triangulate(xy, sizes), sizes, settings.arc_steps)
 
 
-def _circle_sizes(
-    shape: SheetShape, hole: Hole, settings: MeshSettings
-) -> list[tuple[float, float]]:
-    """Return the circles round a hole: radius and spacing of the points, mm, inside out."""
+def _ring_sizes(shape: SheetShape, hole: Hole, settings: MeshSettings) -> list[tuple[float, float]]:
+    """Return the rings round a hole: radius and spacing of the points, mm, inside out."""
     radius, spacing = hole.radius_mm + shape.rim_mm, settings.rim_spacing_mm
     sizes = [(radius, spacing)]
-    finest = settings.lattice_mm / 2  # of the lattice, which may bend from the last circle on
+    finest = settings.lattice_mm / 2  # of the lattice, which may bend from the last ring on
     while spacing < finest:
         spacing = min(spacing * settings.growth, finest)
         radius += spacing * math.sqrt(3) / 2
@@ -108,24 +106,36 @@ def _circle_sizes(
     return sizes
 
 
-def _circles(shape: SheetShape, hole: Hole, settings: MeshSettings) -> list[NDArray[np.float64]]:
-    """Return circles of points (n, 2) round a hole, the first where the rounded edge begins.
+def _rings(shape: SheetShape, hole: Hole, settings: MeshSettings) -> list[NDArray[np.float64]]:
+    """Return rings of points (n, 2) round a hole, the first where the rounded edge begins.
 
-    They are circles in the hole's own plane, not in the part's (x, y) plane, so that the hole is
-    round also where the sheet is tilted.
+    They are circles, or of a slot stadiums, in the hole's own plane, not in the part's (x, y)
+    plane, so that a hole is round also where the sheet is tilted.
     """
-    across = []
-    for i, (radius, spacing) in enumerate(_circle_sizes(shape, hole, settings)):
-        count = math.ceil(2 * math.pi * radius / spacing)
-        angle = 2 * math.pi * (np.arange(count) + 0.5 * (i % 2)) / count
-        across.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    ends = np.cumsum([len(circle) for circle in across])
+    across = [
+        _ring(radius, hole.straight_mm, spacing, 0.5 * (i % 2))
+        for i, (radius, spacing) in enumerate(_ring_sizes(shape, hole, settings))
+    ]
+    ends = np.cumsum([len(ring) for ring in across])
     return np.split(_below(shape, hole, np.concatenate(across)), ends[:-1])
+
+
+def _ring(radius: float, straight: float, spacing: float, shift: float) -> NDArray[np.float64]:
+    """Return evenly spaced points (n, 2) at a radius round a segment along x, anticlockwise."""
+    quarter = math.pi / 2 * radius
+    length = 4 * quarter + 2 * straight
+    count = math.ceil(length / spacing)
+    at = length * (np.arange(count) + shift) / count
+    back = np.clip(at - quarter, 0.0, straight)
+    forth = np.clip(at - straight - 3 * quarter, 0.0, straight)
+    angle = (at - back - forth) / radius
+    x = straight / 2 - back + forth + radius * np.cos(angle)
+    return np.stack([x, radius * np.sin(angle)], axis=1)
 
 
 def _below(shape: SheetShape, hole: Hole, across_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Find (x, y) of the skin's points that have given coordinates (n, 2) in the hole's plane."""
-    frame = shape.frame(hole)
+    frame = shape.frame(hole.centre_mm, hole.direction)
     origin, axes = frame.translation_mm, frame.rotation[:, :2]
     xy = origin[:2] + across_mm @ axes[:2].T
     for _ in range(6):  # exact at once on a pad; the crown's correction shrinks a hundredfold
@@ -150,9 +160,8 @@ def _lattice(shape: SheetShape, settings: MeshSettings) -> NDArray[np.float64]:
         shape.opening.distance_mm(points) > clear
     )
     for hole in shape.holes:
-        outermost, spacing = _circle_sizes(shape, hole, settings)[-1]
-        from_centre = np.linalg.norm(points - hole.centre_mm, axis=1)
-        keep &= from_centre > outermost + 0.6 * spacing
+        outermost, spacing = _ring_sizes(shape, hole, settings)[-1]
+        keep &= hole.distance_mm(points) > outermost - hole.radius_mm + 0.6 * spacing
     return np.asarray(points[keep])
 
 
