@@ -296,19 +296,14 @@ def build_door() -> Scene:
     zone_finish = np.array([FINISHES.index(finish) for _, finish in OUTSIDE_ZONES], dtype=np.uint8)
     bare = np.uint8(FINISHES.index("bare"))
     finish = np.where(mesh.outer, zone_finish[np.searchsorted(borders, x_mm, side="right")], bare)
-    vertices, faces = [mesh.vertices], [mesh.faces]
-    n_vertices = len(mesh.vertices)
-    for ball in _BALLS:
-        ball_vertices, ball_faces = ball.mesh(DOOR)
-        vertices.append(ball_vertices)
-        faces.append(ball_faces + np.int32(n_vertices))
-        n_vertices += len(ball_vertices)
-    n_of_balls = sum(map(len, faces[1:]))
-    of_balls = np.full(n_of_balls, FINISHES.index(_BALL_FINISH), dtype=np.uint8)
+    bodies = [(mesh.vertices, mesh.faces), *(ball.mesh(DOOR) for ball in _BALLS)]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in bodies)])
+    faces = np.concatenate([of + start for (_, of), start in zip(bodies, starts, strict=False)])
+    of_balls = np.full(len(faces) - len(finish), FINISHES.index(_BALL_FINISH), dtype=np.uint8)
     return check_scene(
         Scene(
-            vertices=np.concatenate(vertices),
-            faces=np.concatenate(faces),
+            vertices=np.concatenate([vertices for vertices, _ in bodies]),
+            faces=faces.astype(np.int32),
             face_finish=np.concatenate([finish, of_balls]),
             part=door_part(),
         )
