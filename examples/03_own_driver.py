@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import exposight as xs
-from exposight.plans import FixedView, MeasuringPlan
+from exposight.plans import MeasuringPlan, PoseList
 
 HOLE = xs.Feature(name="f1", kind="hole", part_from_feature=xs.RigidTransform(), radius_mm=10.0)
 
@@ -42,8 +42,8 @@ class Plate:
 
 
 pose = Plate.sensor.camera_from_tcp @ xs.RigidTransform.from_fanuc_wpr([0, 0, 0], 10.0, 0.0, 0.0)
-views = (FixedView(name="tilted", camera_from_part=pose, exposures_ms=(0.2, 5.0, 15.0)),)
-plan = MeasuringPlan(name="plate", sensor=Plate.sensor, features=("f1",), fixed=views)
+views = PoseList.from_transforms("tilted", [pose], exposures_ms=(0.2, 5.0, 15.0))
+plan = MeasuringPlan(name="plate", sensor=Plate.sensor, features=("f1",), poses=(views,))
 with TemporaryDirectory() as folder:
     xs.measure(plan, Plate(), Path(folder) / "plate")
     table = xs.open_campaign(Path(folder) / "plate").observe()

@@ -4,7 +4,7 @@ import pytest
 
 from exposight.cell import CampaignFolder
 from exposight.observing import observe_campaign, read_observations
-from exposight.plans import FixedView, MeasuringPlan, write_plan
+from exposight.plans import MeasuringPlan, PoseList, write_plan
 
 
 @pytest.fixture(scope="module")
@@ -14,13 +14,12 @@ def plan(campaign, tmp_path_factory):
     poses = {capture.view: capture.camera_from_part for capture in recorded.captures()}
     exposures = sorted({key.exposure_ms for key in recorded.keys()})  # noqa: SIM118
     path = tmp_path_factory.mktemp("plan") / "again.toml"
-    views = tuple(
-        FixedView(name=name, camera_from_part=pose, exposures_ms=tuple(exposures))
-        for name, pose in poses.items()
+    views = PoseList.from_transforms(
+        "recorded", [*poses.values()], exposures_ms=exposures, names=[*poses]
     )
     features = tuple(feature.name for feature in recorded.part.features if feature.name != "far")
     write_plan(
-        path, MeasuringPlan(name="again", sensor=recorded.sensor, features=features, fixed=views)
+        path, MeasuringPlan(name="again", sensor=recorded.sensor, features=features, poses=[views])
     )
     return path
 

@@ -57,6 +57,22 @@ def test_turns_are_told_with_their_unit(yaml_plan, run, run_json):
     assert "near w −10 to 10°, p 0°, r 0 to 90°" in run("info", yaml_plan).stdout
 
 
+def test_lists_of_poses_are_told_and_radians_suspected(yaml_plan, run, run_json):
+    poses = """poses:
+  - name: robot
+    notation: kuka
+    frame: part_from_tcp
+    rows: [[0, 0, -600, 0, 0, 0], [20, 15, -640, 1.5708, 0, 0]]
+    exposures_ms: [5, 20]
+"""
+    yaml_plan.write_text(YAML + poses, "utf-8")
+    facts = run_json("info", yaml_plan)
+    assert facts["views"]["robot"] == 2
+    assert facts["poses"] == {"robot": {"notation": "kuka", "frame": "part_from_tcp"}}
+    shown = run("info", yaml_plan)
+    assert "robot kuka, part_from_tcp" in shown.stdout
+
+
 def test_views_that_may_be_left_out_are_told(run):
     shown = run("info", "x-test").stdout
     assert "at most 48: near 16, middle 16, far 16" in shown

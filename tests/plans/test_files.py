@@ -1,6 +1,7 @@
 """Measuring plans in TOML and YAML: short forms, round trips, and files that are no plans."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ from exposight.geometry import RigidTransform
 from exposight.plans import (
     PLANS,
     DepthPlane,
-    FixedView,
     MeasuringPlan,
+    PoseList,
     RandomPositions,
     even_positions,
     logarithmic_exposures,
@@ -70,6 +71,13 @@ def test_turns_are_every_combination_of_their_angles():
     assert plan_from_text(listed).planes[0].turns_deg == ((0, 0, 0), (5, -10.5, 90))
 
 
+def test_the_documented_plan_opens():
+    page = (Path(__file__).parents[2] / "docs" / "formats.md").read_text("utf-8")
+    text = page.split("## Measuring plan")[1].split("```toml")[1].split("```")[0]
+    plan = plan_from_text(text.replace("my-scanner.json", "comet-pro-ae"))
+    assert [group.name for group in plan.groups] == ["near", "random", "robot"]
+
+
 def test_what_older_versions_hold_is_written_for_them():
     plan = plan_from_text(TEXT)
     assert "version = 2\n" in plan_to_toml(plan)
@@ -80,7 +88,7 @@ def test_what_older_versions_hold_is_written_for_them():
 
 def test_keys_left_out_take_the_documented_values():
     plan = plan_from_text(TEXT)
-    assert (plan.side, plan.blind_views, plan.fixed) == ("inside", "refuse", ())
+    assert (plan.side, plan.blind_views, plan.poses) == ("inside", "refuse", ())
 
 
 def test_the_simulated_cells_table_is_kept_unread():
@@ -130,8 +138,8 @@ def test_version_2_has_those_keys_in_its_table_alone():
 
 def test_a_sensor_of_ones_own_lies_beside_the_plan(tmp_path, small_sensor):
     pose = RigidTransform.from_fanuc_wpr((1.0, 2.0, 600.0), 3.0, 4.0, 5.0)
-    fixed = FixedView(name="here", camera_from_part=pose, exposures_ms=[5])
-    plan = MeasuringPlan(name="own", sensor=small_sensor, features=["f1"], fixed=[fixed])
+    poses = PoseList.from_transforms("here", [pose], exposures_ms=[5])
+    plan = MeasuringPlan(name="own", sensor=small_sensor, features=["f1"], poses=[poses])
     write_plan(tmp_path / "own.toml", plan)
     assert (tmp_path / "own-sensor.json").is_file()
     assert read_plan(tmp_path / "own.toml") == plan

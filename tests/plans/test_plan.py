@@ -6,7 +6,7 @@ import pytest
 from exposight.cell import sensor_preset
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
-from exposight.plans import DepthPlane, FixedView, MeasuringPlan, RandomPositions
+from exposight.plans import DepthPlane, MeasuringPlan, PoseList, RandomPositions
 
 NAN = float("nan")
 
@@ -83,11 +83,12 @@ def test_random_views_are_numbered_with_equal_width():
     assert _random(count=120).names()[0] == "random-001"
 
 
-def test_groups_are_planes_then_random_positions_then_fixed_views():
-    fixed = FixedView(name="here", camera_from_part=RigidTransform(), exposures_ms=[5])
-    plan = _plan(random=[_random()], fixed=[fixed])
+def test_groups_are_planes_then_random_positions_then_lists_of_poses():
+    poses = PoseList.from_transforms("here", [RigidTransform()], exposures_ms=[5])
+    plan = _plan(random=[_random()], poses=[poses])
     groups = [(group.name, group.n_views) for group in plan.groups]
     assert groups == [("near", 6), ("random", 3), ("here", 1)]
+    assert plan.n_captures == 6 * 2 + 3 + 1
 
 
 def test_the_observed_part_has_the_plans_features_alone(hole_part):

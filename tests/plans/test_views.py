@@ -11,7 +11,7 @@ from exposight.cell import Part, sensor_preset
 from exposight.errors import FeatureError, InputError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.observing import Visibility, view_features
-from exposight.plans import DepthPlane, FixedView, MeasuringPlan, RandomPositions
+from exposight.plans import DepthPlane, MeasuringPlan, PoseList, RandomPositions
 
 SENSOR = sensor_preset("comet-pro-ae")
 ROUNDING_MM = 1e-9
@@ -126,10 +126,10 @@ def test_a_turn_that_shows_the_back_of_every_feature_is_blind(part):
     assert [view.name for view in kept] == [f"near-x{i}-y{j}-t1" for j in (1, 2) for i in (1, 2)]
 
 
-def test_a_fixed_view_is_taken_as_it_is_written(part):
+def test_a_pose_is_taken_as_it_is_written(part):
     pose = RigidTransform.from_fanuc_wpr((5.0, -3.0, 520.0), 6.0, -2.0, 40.0)
-    fixed = FixedView(name="here", camera_from_part=pose, exposures_ms=[7])
-    (view,) = MeasuringPlan(name="p", sensor=SENSOR, features=["h0"], fixed=[fixed]).views(part)
+    poses = PoseList.from_transforms("here", [pose], exposures_ms=[7])
+    (view,) = MeasuringPlan(name="p", sensor=SENSOR, features=["h0"], poses=[poses]).views(part)
     assert (view.name, view.camera_from_part, view.exposures_ms) == ("here", pose, (7.0,))
     back = SENSOR.camera_from_tcp @ view.tcp_from_part
     assert back.to_matrix() == pytest.approx(pose.to_matrix(), abs=ROUNDING_MM)
@@ -137,9 +137,9 @@ def test_a_fixed_view_is_taken_as_it_is_written(part):
 
 def test_two_views_of_one_name_are_refused(part):
     pose = next(view.camera_from_part for view in PLAN.views(part))
-    fixed = FixedView(name="near-x1-y1", camera_from_part=pose, exposures_ms=[5])
+    poses = PoseList.from_transforms("near-x1-y1", [pose], exposures_ms=[5])
     with pytest.raises(InputError, match="two views are called 'near-x1-y1'"):
-        replace(PLAN, fixed=[fixed]).views(part)
+        replace(PLAN, poses=[poses]).views(part)
 
 
 def test_visible_features_are_those_that_will_be_observed(part):

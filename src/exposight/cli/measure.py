@@ -215,7 +215,7 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
     """Return what a measuring plan holds."""
     views = {group.name: group.n_views for group in plan.groups}
     exposures = {group.name: list(group.exposures_ms) for group in plan.groups}
-    captures = sum(n * len(exposures[name]) for name, n in views.items())
+    captures = plan.n_captures
     per_group = ", ".join(f"{name} {count(n)}" for name, n in views.items())
     # Which views see no feature depends on the part, which is not known here.
     at_most = "at most " if plan.blind_views == "skip" else ""
@@ -226,6 +226,10 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
         for group in turning
         if any(map(any, group.turn_ranges_deg))
     }
+    written = {
+        poses.name: {"notation": poses.notation, "frame": poses.frame} for poses in plan.poses
+    }
+    as_written = (f"{poses.name} {poses.notation}, {poses.frame}" for poses in plan.poses)
     turned = (f"{name} {_turn_text(ranges)}" for name, ranges in turns.items())
     return (
         fact("plan", plan.name),
@@ -234,6 +238,7 @@ def plan_summary(plan: MeasuringPlan) -> tuple[Fact, ...]:
         fact("features", plan.features),
         fact("views", views, f"{at_most}{count(sum(views.values()))}: {per_group}"),
         fact("exposures_ms", exposures, "\n".join(each)),
+        *([fact("poses", written, "\n".join(as_written))] if written else []),
         *([fact("turns_deg", turns, "\n".join(turned))] if turns else []),
         fact("captures", captures, at_most + count(captures)),
         fact("seed", plan.seed),

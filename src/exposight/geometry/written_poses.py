@@ -65,9 +65,15 @@ _READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
 )
 
 
-def pose_columns(notation: PoseNotation) -> tuple[str, ...]:
-    """Return the names of a notation's numbers, with their units, in its order."""
-    return _READERS[notation].columns
+def pose_columns(notation: str) -> tuple[str, ...]:
+    """Return the names of a notation's numbers, with their units, in its order.
+
+    Raises
+    ------
+    PoseError
+        If there is no such `PoseNotation`.
+    """
+    return _reader_of(notation).columns
 
 
 def pose_from_numbers(notation: str, numbers: Sequence[float]) -> RigidTransform:

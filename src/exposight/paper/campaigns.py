@@ -131,7 +131,7 @@ def plan_size(plan: MeasuringPlan) -> tuple[int, int]:
     """Return how many views and captures a plan has."""
     return (
         sum(group.n_views for group in plan.groups),
-        sum(group.n_views * len(group.exposures_ms) for group in plan.groups),
+        plan.n_captures,
     )
 
 

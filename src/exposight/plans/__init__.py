@@ -9,10 +9,10 @@ from exposight.plans.files import (
     write_plan,
 )
 from exposight.plans.plan import MeasuringPlan, PlannedView
+from exposight.plans.pose_lists import PoseFrame, PoseList
 from exposight.plans.positions import (
     TURN_AXES,
     DepthPlane,
-    FixedView,
     RandomPositions,
     even_positions,
     logarithmic_exposures,

@@ -16,35 +16,54 @@ In TOML; YAML has the same keys::
     y_mm = [-100, 0, 100]
     exposures_ms = { first = 5, last = 100, count = 10 }    # logarithmic; or a list
 
+    [[poses]]
+    name = "robot"
+    notation = "fanuc"
+    frame = "part_from_tcp"
+    rows = [[20, -35, -640, 0, 0, 0], [20, 15, -640, 5, -10, 90]]    # or file = "poses.csv"
+    exposures_ms = [40]
+
     [simulated]    # for the simulated cell alone
     lighting = "II"
 """
 
 import json
-import re
+import logging
 import tomllib
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import tomli_w
-import yaml
 from pydantic import Field
 
-from exposight.cell import PRESETS, ActiveSensor, preset_name, sensor_named_or_read, write_sensor
+from exposight.cell import (
+    PRESETS,
+    ActiveSensor,
+    StoredPose,
+    preset_name,
+    sensor_named_or_read,
+    write_sensor,
+)
 from exposight.errors import FormatError, InputError
 from exposight.files import check_header, read_text, validate, write_durably
 from exposight.plans import positions
+from exposight.plans.plain_yaml import load_yaml
 from exposight.plans.plan import MeasuringPlan
+from exposight.plans.pose_lists import PoseList, read_pose_table
+
+logger = logging.getLogger(__name__)
 
 PLAN_FORMAT = "exposight measuring plan"
 PLAN_VERSION = 3
 """2: any sensor, fixed views, and the simulated cell's settings in a table of their own. 3: turns
 and lists of poses; what has neither is written as version 2, which older exposights read."""
 
-_SINCE_3 = {"turns_deg", *positions.TURN_AXES}
+_SINCE_3 = {"turns_deg", *positions.TURN_AXES, "rows"}
+
+_GROUPS = ("planes", "random", "poses")
 PLAN_SUFFIXES = (".toml", ".yaml", ".yml")
 
 _LONGEST = 1000
@@ -69,6 +88,18 @@ class _Turns:
     w_deg: _Angles = (0.0,)
     p_deg: _Angles = (0.0,)
     r_deg: _Angles = (0.0,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fixed:
+    name: str
+    camera_from_part: StoredPose
+    exposures_ms: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FixedViews:
+    fixed: tuple[_Fixed, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +150,8 @@ def plan_from_text(
     source : str
         Where it comes from, for messages.
     folder : Path, optional
-        Where the path of a sensor's document begins; the working directory by default.
+        Where the paths of a sensor's document and of lists of poses begin; the working directory by
+        default.
 
     Raises
     ------
@@ -127,7 +159,7 @@ def plan_from_text(
         As for `read_plan`.
     """
     parse, name = (
-        (tomllib.loads, "TOML") if language == "toml" else (_load_yaml, "the plain YAML of a plan")
+        (tomllib.loads, "TOML") if language == "toml" else (load_yaml, "the plain YAML of a plan")
     )
     try:
         raw: object = parse(text)
@@ -146,22 +178,27 @@ def _plan(raw: object, source: str, folder: Path) -> MeasuringPlan:
         raise FormatError(msg)
     check_header(raw, format_name=PLAN_FORMAT, newest=PLAN_VERSION, source=source)
     table = {key: value for key, value in raw.items() if key not in {"format", "version"}}
-    for key in ("planes", "random"):
+    for key in _GROUPS:
         if isinstance(table.get(key), list):  # copies, whose short forms can be written out
             table[key] = [dict(g) if isinstance(g, dict) else g for g in table[key]]
     if raw["version"] == 1:
         _move_settings(table)
     try:
+        _move_fixed(table, source)
         sensor = _sensor(table.get("sensor"), folder)
         if sensor is None:
             return validate(MeasuringPlan, table, source)
         for place, group in _groups(table):
             _write_out(group, sensor, f"{source}: {place}")
+            _write_out_poses(group, folder)
     except InputError as error:
         msg = f"{source}: {error}"
         raise FormatError(msg) from error
     table["sensor"] = _content(sensor)
-    return replace(validate(MeasuringPlan, table, source), sensor=sensor)
+    plan = replace(validate(MeasuringPlan, table, source), sensor=sensor)
+    for remark in filter(None, (poses.remark for poses in plan.poses)):
+        logger.warning("%s: %s", source, remark)
+    return plan
 
 
 def _content(sensor: ActiveSensor) -> dict[str, Any]:
@@ -171,7 +208,7 @@ def _content(sensor: ActiveSensor) -> dict[str, Any]:
 
 def _groups(raw: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the place and the content of every group of views that is one."""
-    for key in ("planes", "random"):
+    for key in _GROUPS:
         groups = raw.get(key)
         for i, group in enumerate(groups if isinstance(groups, list) else ()):
             if isinstance(group, dict):
@@ -219,6 +256,38 @@ def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
             raise InputError(msg) from error
 
 
+def _write_out_poses(group: dict[str, Any], folder: Path) -> None:
+    """Replace a file of poses by its content, and matrices by their numbers row by row."""
+    file, rows, notation = group.get("file"), group.get("rows"), group.get("notation", "")
+    if isinstance(file, str) and isinstance(notation, str):
+        if rows is not None:
+            msg = f"poses {group.get('name')!r}: give rows or file, not both"
+            raise InputError(msg)
+        del group["file"]
+        times_ms = group.get("exposures_ms")
+        times_ms = times_ms if isinstance(times_ms, list | tuple) else ()
+        group.update(read_pose_table(folder / file, notation, times_ms))
+    elif isinstance(rows, list) and notation == "matrix":
+        group["rows"] = [_flat(row) for row in rows]
+
+
+def _flat(matrix: object) -> object:
+    if isinstance(matrix, list) and all(isinstance(row, list) for row in matrix):
+        return [*chain(*matrix)]
+    return matrix
+
+
+def _move_fixed(raw: dict[str, Any], source: str) -> None:
+    """Make lists of one pose of the tables ``fixed``, as plans of version 2 have them."""
+    poses, fixed = raw.get("poses", []), {"fixed": raw.pop("fixed", [])}
+    lists = [
+        PoseList.from_transforms(v.name, [v.camera_from_part], exposures_ms=v.exposures_ms)
+        for v in validate(_FixedViews, fixed, source).fixed
+    ]
+    if lists and isinstance(poses, list):
+        raw["poses"] = [*poses, *map(_given, lists)]
+
+
 def _write_out_even(group: dict[str, Any], keys: Iterable[str], place: str) -> None:
     for key in keys:
         if isinstance(group.get(key), dict):
@@ -264,6 +333,11 @@ def plan_to_toml(plan: MeasuringPlan, sensor_file: str = "plan-sensor.json") -> 
         *(("planes", _given(plane)) for plane in plan.planes),
         *(("random", _given(box)) for box in plan.random),
     ]
+    fixed = [_as_fixed(poses) for poses in plan.poses]
+    if all(fixed):
+        groups += [("fixed", given) for given in fixed]
+    else:
+        groups += [("poses", {**_given(poses), "rows": _rows(poses)}) for poses in plan.poses]
     version = PLAN_VERSION if any(_SINCE_3 & given.keys() for _, given in groups) else 2
     lines = [
         *_entries(format=PLAN_FORMAT, version=version, name=plan.name, sensor=sensor),
@@ -272,23 +346,47 @@ def plan_to_toml(plan: MeasuringPlan, sensor_file: str = "plan-sensor.json") -> 
     ]
     for table, given in groups:
         lines += ["", f"[[{table}]]", *_entries(**given)]
-    for view in plan.fixed:
-        pose = tuple(map(tuple, view.camera_from_part.to_matrix().tolist()))
-        lines += ["", "[[fixed]]", *_entries(**{**vars(view), "camera_from_part": pose})]
     if plan.simulated:
         lines += ["", tomli_w.dumps({"simulated": plan.simulated}).rstrip()]
     return "\n".join(lines) + "\n"
 
 
-def _given(group: positions.DepthPlane | positions.RandomPositions) -> dict[str, Any]:
+def _given(group: positions.DepthPlane | positions.RandomPositions | PoseList) -> dict[str, Any]:
     """Return the keys of a group of views that are not as by default."""
     values = {each.name: (getattr(group, each.name), each.default) for each in fields(group)}
     return {name: value for name, (value, default) in values.items() if value != default}
 
 
+def _rows(poses: PoseList) -> tuple[tuple[Any, ...], ...]:
+    return tuple(map(_matrix, poses.rows)) if poses.notation == "matrix" else poses.rows
+
+
+def _matrix(row: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    return tuple(row[i : i + 4] for i in range(0, len(row), 4))
+
+
+def _as_fixed(poses: PoseList) -> dict[str, Any]:
+    """Return the keys of a list of one pose as version 2 has it; empty where it cannot."""
+    more = poses.n_views > 1 or poses.names or poses.exposures_each_ms
+    if more or (poses.notation, poses.frame, len(poses.rows[0])) != (
+        "matrix",
+        "camera_from_part",
+        16,
+    ):
+        return {}
+    return {
+        "name": poses.name,
+        "camera_from_part": _matrix(poses.rows[0]),
+        "exposures_ms": poses.exposures_ms,
+    }
+
+
 def _entries(**values: object) -> Iterator[str]:
     for key, value in values.items():
-        yield f"{key} = {_toml(value)}"
+        if key == "rows" and isinstance(value, tuple):  # one a line
+            yield from (f"{key} = [", *(f"    {_toml(row)}," for row in value), "]")
+        else:
+            yield f"{key} = {_toml(value)}"
 
 
 def _toml(value: object) -> str:  # tomli_w gives every number of a list a line of its own
@@ -297,69 +395,3 @@ def _toml(value: object) -> str:  # tomli_w gives every number of a list a line 
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # TOML's basic strings are JSON's
     return repr(value).removesuffix(".0")
-
-
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML carries no types
-    """The safe loader, restricted as the module says."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, object]] = {}  # those of YAML 1.2 follow below
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
-        event = self.peek_event()
-        problem = ""
-        if isinstance(event, yaml.AliasEvent):
-            problem = f"the alias *{event.anchor} is not allowed here; write the value out"
-        elif getattr(event, "tag", None) is not None:
-            problem = f"the tag {event.tag} is not allowed here; leave it out"
-        if problem:
-            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(
-        self, node: yaml.MappingNode, deep: bool = False
-    ) -> dict[Hashable, object]:
-        known: set[tuple[str, str]] = set()
-        for key, _ in node.value:
-            problem = ""
-            if not isinstance(key, yaml.ScalarNode):
-                problem = "a key must be a plain name"
-            elif (key.tag, key.value) in known:
-                problem = f"the key {key.value!r} is there twice"
-            if problem:
-                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            known.add((key.tag, key.value))
-        return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
-
-    def construct_decimal(self, node: yaml.ScalarNode) -> int:
-        return int(self.construct_scalar(node))
-
-
-# Section 10.3.2 of the YAML 1.2.2 specification, without its octal and hexadecimal numbers.
-for _tag, _pattern, _first in (
-    ("null", "null|Null|NULL|~|", "nN~"),
-    ("bool", "true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("int", "[-+]?[0-9]+", "-+0123456789"),
-    (
-        "float",
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+.0123456789",
-    ),
-):
-    _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), [*_first]
-    )
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile("^$"), [""])
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_decimal)
-
-
-def _load_yaml(text: str) -> object:
-    """Return the data in one YAML document; ValueError with the line where it is none."""
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f" (at line {mark.line + 1}, column {mark.column + 1})" if mark else ""
-        msg = f"{', '.join(filter(None, (error.context, error.problem)))}{place}"
-        raise ValueError(msg) from error
-    except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from error

@@ -15,6 +15,7 @@ from exposight.errors import FeatureError, InputError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.observing import Visibility, view_features
 from exposight.plans import positions
+from exposight.plans.pose_lists import PoseList
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +44,7 @@ class PlannedView:
     name : str
         Unique in its plan.
     group : str
-        The plane, random positions or fixed view that it belongs to.
+        The plane, random positions or list of poses that it belongs to.
     camera_from_part : RigidTransform
         Where the part shall stand, seen from the sensor's first camera.
     tcp_from_part : RigidTransform
@@ -76,20 +77,20 @@ class MeasuringPlan:
         The part's features that are observed; others are not looked at.
     reference : str
         The feature about which planes and random positions are planned; need not be observed, and
-        may be left out where all views are fixed.
+        may be left out where all views are lists of poses.
     side : {'inside', 'outside'}
         Before the inside the sensor's axes are parallel to the part's; before the outside it is
-        turned by 180° about y. Turns of planes and random positions follow that. Fixed views have
-        their own orientation.
+        turned by 180° about y. Turns of planes and random positions follow that. Lists of poses
+        have their own orientation.
     planes : sequence of DepthPlane
         Grids of positions.
     random : sequence of RandomPositions
         Random positions, measured after the grids.
-    fixed : sequence of FixedView
+    poses : sequence of PoseList
         Poses written out, measured last.
     blind_views : {'refuse', 'skip'}
-        Whether a position on a grid, or a fixed view, that sees no feature of the plan is an error
-        or left out.
+        Whether a position on a grid, or a pose of a list, that sees no feature of the plan is an
+        error or left out.
     seed : int, 0 or more
         All randomness of the campaign follows from it and the views' names.
     simulated : mapping of str to object
@@ -109,13 +110,13 @@ class MeasuringPlan:
     side: Side = "inside"
     planes: tuple[positions.DepthPlane, ...] = ()
     random: tuple[positions.RandomPositions, ...] = ()
-    fixed: tuple[positions.FixedView, ...] = ()
+    poses: tuple[PoseList, ...] = ()
     blind_views: BlindViews = "refuse"
     seed: int = 0
     simulated: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        for name in ("features", "planes", "random", "fixed"):
+        for name in ("features", "planes", "random", "poses"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         positions.check_name(self.name)
         fault = self._fault()
@@ -139,7 +140,7 @@ class MeasuringPlan:
             return "reference is empty; name the feature about which positions are planned"
         names = [group.name for group in self.groups]
         if not names:
-            return "it has neither planes nor random positions nor views; add at least one"
+            return "it has neither planes nor random positions nor poses; add at least one"
         twice = positions.first_twice(names)
         if twice is not None:
             return f"two planes are called {twice!r}; give each a name of its own"
@@ -148,11 +149,20 @@ class MeasuringPlan:
         return ""
 
     @property
-    def groups(
-        self,
-    ) -> tuple[positions.DepthPlane | positions.RandomPositions | positions.FixedView, ...]:
-        """Planes, random positions, fixed views: each with a name, exposure times and `n_views`."""
-        return (*self.planes, *self.random, *self.fixed)
+    def groups(self) -> tuple[positions.DepthPlane | positions.RandomPositions | PoseList, ...]:
+        """Planes, random positions, lists of poses: name, exposure times and `n_views` of each."""
+        return (*self.planes, *self.random, *self.poses)
+
+    @property
+    def n_captures(self) -> int:
+        """Views times exposure times, with views that see nothing."""
+        each = sum(len(times_ms) for poses in self.poses for times_ms in poses.exposures_each_ms)
+        every = (
+            group.n_views * len(group.exposures_ms)
+            for group in self.groups
+            if not (isinstance(group, PoseList) and group.exposures_each_ms)
+        )
+        return each + sum(every)
 
     def observed_part(self, part: Part) -> Part:
         """Return a part that has only the features this plan observes.
@@ -183,8 +193,8 @@ class MeasuringPlan:
         Returns
         -------
         tuple of PlannedView
-            Grids plane by plane, y by y, then random positions, then fixed views. The same for the
-            same part; a view depends on the plan's seed and its own name, not on the other views.
+            Grids plane by plane, y by y, then random positions, then lists of poses. The same for
+            the same part; a view depends on the plan's seed and its own name, not on the others.
 
         Raises
         ------
@@ -218,7 +228,7 @@ def _views(plan: MeasuringPlan, part: Part) -> tuple[PlannedView, ...]:
     plan._check_exposures()
     planned = [view for plane in plan.planes for view in station.on_grid(plane)]
     planned += [view for box in plan.random for view in station.at_random(box)]
-    planned += [view for fixed in plan.fixed for view in station.at_pose(fixed)]
+    planned += [view for poses in plan.poses for view in station.at_poses(poses)]
     fault = ""
     if not planned:
         fault = (
@@ -261,18 +271,19 @@ class _Station:
                 )
                 raise InputError(msg)
 
-    def at_pose(self, fixed: positions.FixedView) -> Iterator[PlannedView]:
-        tcp_from_camera = self.plan.sensor.camera_from_tcp.inverse()
-        yield from self._unless_blind(
-            PlannedView(
-                name=fixed.name,
-                group=fixed.name,
-                camera_from_part=fixed.camera_from_part,
-                tcp_from_part=tcp_from_camera @ fixed.camera_from_part,
-                exposures_ms=fixed.exposures_ms,
-                visible=self._visible(fixed.camera_from_part),
+    def at_poses(self, poses: PoseList) -> Iterator[PlannedView]:
+        for name, camera_from_part, tcp_from_part, exposures_ms in poses.views(
+            self.plan.sensor.camera_from_tcp
+        ):
+            view = PlannedView(
+                name=name,
+                group=poses.name,
+                camera_from_part=camera_from_part,
+                tcp_from_part=tcp_from_part,
+                exposures_ms=exposures_ms,
+                visible=self._visible(camera_from_part),
             )
-        )
+            yield from self._unless_blind(view)
 
     def _unless_blind(self, view: PlannedView) -> Iterator[PlannedView]:
         if view.visible:

@@ -1,4 +1,4 @@
-"""Where a plan places the sensor: grids and random positions about a feature, poses written out.
+"""Where a plan places the sensor about a feature: grids and random positions.
 
 After Sect. 3.2.1 of the paper: the sensor moves so that a reference feature comes to lie on a grid
 over x and y of the TCP frame, in planes of constant z; each plane has its own exposure times.
@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from exposight.cell import ActiveSensor, StoredPose
+from exposight.cell import ActiveSensor
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 
@@ -125,7 +125,7 @@ class DepthPlane:
         object.__setattr__(self, "z_tcp_mm", z_tcp_mm)
         for axis in ("x_mm", "y_mm"):
             object.__setattr__(self, axis, _numbers(getattr(self, axis), f"{place}: {axis}"))
-        object.__setattr__(self, "exposures_ms", _exposures(self.exposures_ms, place))
+        object.__setattr__(self, "exposures_ms", check_exposures(self.exposures_ms, place))
         turns = tuple(tuple(map(float, turn)) for turn in self.turns_deg)
         for turn in turns:
             if len(turn) != 3 or not all(map(math.isfinite, turn)):
@@ -210,7 +210,7 @@ class RandomPositions:
                 )
                 raise InputError(msg)
             object.__setattr__(self, axis, limits)
-        object.__setattr__(self, "exposures_ms", _exposures(self.exposures_ms, place))
+        object.__setattr__(self, "exposures_ms", check_exposures(self.exposures_ms, place))
 
     @property
     def n_views(self) -> int:
@@ -224,8 +224,7 @@ class RandomPositions:
 
     def names(self) -> tuple[str, ...]:
         """Return the views' names."""
-        digits = max(2, len(str(self.count)))
-        return tuple(f"{self.name}-{i:0{digits}d}" for i in range(1, self.count + 1))
+        return numbered_names(self.name, self.count)
 
     def draws(self, view: str, seed: int) -> Iterator[RigidTransform]:
         """Yield one position and turn of the reference feature after the other, without end.
@@ -250,40 +249,6 @@ class RandomPositions:
             yield RigidTransform.from_fanuc_wpr(position_mm, *turns.uniform(*boxes[1]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class FixedView:
-    """One pose, written out.
-
-    Parameters
-    ----------
-    name : str
-        The view's name.
-    camera_from_part : RigidTransform
-        Where the part shall stand, seen from the sensor's first camera.
-    exposures_ms : sequence of float, ms
-        Exposure times there.
-
-    Raises
-    ------
-    InputError
-        As for `DepthPlane`.
-    """
-
-    name: str
-    camera_from_part: StoredPose
-    exposures_ms: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        check_name(self.name)
-        exposures_ms = _exposures(self.exposures_ms, f"view {self.name!r}")
-        object.__setattr__(self, "exposures_ms", exposures_ms)
-
-    @property
-    def n_views(self) -> int:
-        """One."""
-        return 1
-
-
 def check_name(name: str) -> None:
     """Check the name of a plan or a group of views, after which views, folders and cells are named.
 
@@ -295,6 +260,12 @@ def check_name(name: str) -> None:
     if not name.strip() or name != name.strip() or not name.isprintable():
         msg = f"plans and planes need printable names without blanks at their ends, got {name!r}"
         raise InputError(msg)
+
+
+def numbered_names(name: str, count: int) -> tuple[str, ...]:
+    """Return the names of a group's views: its name and numbers of equal width."""
+    digits = max(2, len(str(count)))
+    return tuple(f"{name}-{i:0{digits}d}" for i in range(1, count + 1))
 
 
 def first_twice(values: Sequence[_Value]) -> _Value | None:
@@ -322,7 +293,15 @@ def _numbers(values: Sequence[float], place: str) -> tuple[float, ...]:
     return numbers
 
 
-def _exposures(values: Sequence[float], place: str) -> tuple[float, ...]:
+def check_exposures(values: Sequence[float], place: str) -> tuple[float, ...]:
+    """Check a list of exposure times in ms, and return it.
+
+    Raises
+    ------
+    InputError
+        If it is empty, one appears twice or is not finite and above 0. The message begins with the
+        place.
+    """
     exposures = _numbers(values, f"{place}: exposures_ms")
     if min(exposures) <= 0:
         msg = f"{place}: exposures_ms must all be above 0 ms, got {min(exposures):g}"
