@@ -93,7 +93,7 @@ def test_a_turn_leaves_the_reference_feature_where_it_is(part, side):
 
 @pytest.mark.parametrize("kind", ["hole", "slot"])
 @pytest.mark.parametrize("turn", [(10.0, -15.0, 120.0), (-25.0, 8.0, -60.0)])
-def test_the_observed_orientation_is_the_turn_of_a_feature_that_was_square(hole_part, kind, turn):
+def test_the_observed_orientation_is_that_of_the_turned_feature(hole_part, kind, turn):
     """Of a hole the spin about its own normal is taken out, of a slot it is kept."""
     holes = hole_part(((0, 0, 5), (20, 10, 4)))
     size = {"length_mm": 12.0, "width_mm": 8.0, "radius_mm": 4.0} if kind == "slot" else {}

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from exposight.cell import ActiveSensor, ExposureRange, Projector, sensor_preset
 from exposight.errors import FormatError, ImageError, InputError, SensorError
@@ -80,6 +81,20 @@ def test_the_cell_is_small_for_other_processes(sheet_plan, cell):
     after = pickle.loads(content).capture(30.0, view.camera_from_part, view=view.name)
     assert np.array_equal(before.image, after.image)
     assert np.array_equal(before.cloud.points, after.cloud.points)
+
+
+def test_a_turned_sheet_is_measured_where_the_plan_says(one_view, cell):
+    """The image and the cloud are those of the turned sheet: the rings lie where the pose says."""
+    turned = replace(one_view.planes[0], turns_deg=[(12.0, -8.0, 90.0)], exposures_ms=(60.0,))
+    plan = replace(one_view, planes=(turned,))
+    frame = measure_observations(plan, cell(plan, alignment=EXACT, kinematic_share={})).frame
+    normal = Rotation.from_euler("xyz", (12.0, -8.0, 90.0), degrees=True).apply([0.0, 0.0, 1.0])
+    observed = Rotation.from_euler("xyz", frame[["w_deg", "p_deg", "r_deg"]].to_numpy(), True)
+    assert observed.apply([0.0, 0.0, 1.0]) == pytest.approx(np.tile(normal, (2, 1)), abs=1e-9)
+    assert frame["r_deg"].to_list() == [0.0, 0.0]
+    reference = frame.row(0, named=True)
+    assert [reference[axis] for axis in ("x_mm", "y_mm", "z_mm")] == pytest.approx([-60, -30, -5])
+    assert frame["p_norm"].min() > 0.9, frame
 
 
 # -- settings -----------------------------------------------------------------------------------

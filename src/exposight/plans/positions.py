@@ -4,8 +4,7 @@ After Sect. 3.2.1 of the paper: the sensor moves so that a reference feature com
 over x and y of the TCP frame, in planes of constant z; each plane has its own exposure times.
 ``z_tcp_mm`` below 0 is nearer to the sensor. In the paper the sensor keeps its orientation; here it
 may also turn about the reference feature, which stays where it is. A turn (w, p, r) is that of the
-part in the TCP frame, about its fixed x, y and z axes: a feature that squarely faced the sensor has
-this w and p then.
+part in the TCP frame, about its fixed x, y and z axes.
 """
 
 import hashlib
