@@ -131,11 +131,12 @@ class Surface:
         even = all(along == across for _, _, along, across in lobes)
         for polar, azimuth in ((p, a) for p in _POLAR_DEG for a in ((0,) if even else (0, 45, 90))):
             albedo = self.albedo(polar, azimuth)
-            if albedo > 1:
+            if albedo > 1 + 1e-6:
                 msg = (
-                    f"a surface must not reflect more than comes in, got {albedo:.0%} of light at "
-                    f"{polar:g}° off its normal from {self}; lower diffuse_albedo or "
-                    "mirror_reflectance, or give it its gloss by a coat, which shades what is below"
+                    "a surface must not reflect more than comes in, got "
+                    f"{100 * albedo:.4g} % at {polar:g}° off the normal from {self}; lower "
+                    "diffuse_albedo or mirror_reflectance, or give it its gloss by a coat, which "
+                    "shades what is below"
                 )
                 raise InputError(msg)
 
