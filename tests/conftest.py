@@ -201,15 +201,14 @@ def _thickened(sheet, part, thickness_mm=2.0) -> Scene:
     a, b = rim.T
     walls = np.concatenate([np.column_stack([b, a, a + n]), np.column_stack([b, a + n, b + n])])
     faces = np.concatenate([sheet.faces, sheet.faces[:, ::-1] + n, walls])
-    scene = Scene(
-        vertices=np.concatenate([sheet.vertices, np.add(sheet.vertices, [0, 0, thickness_mm])]),
-        faces=faces,
-        face_finish=np.full(len(faces), sheet.face_finish[0]),
-        part=part,
+    return check_scene(
+        Scene(
+            vertices=np.concatenate([sheet.vertices, np.add(sheet.vertices, [0, 0, thickness_mm])]),
+            faces=faces,
+            face_finish=np.full(len(faces), sheet.face_finish[0]),
+            part=part,
+        )
     )
-    if scene.volume_mm3() < 0:
-        scene = replace(scene, faces=scene.faces[:, ::-1])
-    return check_scene(scene)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from exposight.cell import CampaignFolder, Feature, Part, read_sensor, sensor_preset
+from exposight.cell import (
+    CampaignFolder,
+    Feature,
+    Part,
+    read_sensor,
+    sensor_preset,
+    write_features,
+)
 from exposight.geometry import RigidTransform
 from exposight.observing import read_observations
 from exposight.plans import PLANS
@@ -91,7 +98,7 @@ def test_a_plan_becomes_a_campaign(simulated):
     expected = {
         "plan": "box",
         "sensor": "comet-pro-ae",
-        "part": "door",
+        "part": "box",
         "workers": 1,
         "views": 2,
         "views_of_feature": {"spot": 2, "aside": 0},
@@ -185,8 +192,25 @@ def test_a_cluster_that_is_not_there(run, plan, scene, tmp_path):
 
 def test_a_scene_that_is_not_there(run, plan, tmp_path):
     message = error_of(run("simulate", plan, "--scene", tmp_path, "-o", tmp_path / "box"))
-    assert f"no mesh at {tmp_path / 'door.ply'}" in message
+    assert f"no scene at {tmp_path / 'scene.toml'}" in message
     assert "exposight simulate PLAN --export-scene FOLDER" in message
+
+
+def test_a_mesh_with_its_features_is_a_scene(run_json, plan, tmp_path):
+    mesh = trimesh.creation.box(extents=(200.0, 60.0, 4.0))
+    mesh.apply_translation((0, 0, 2)).export(tmp_path / "plate.stl")
+    write_features(tmp_path / "plate.csv", (spot("spot", 0.0), spot("aside", 20.0)))
+    options = ("--scene", tmp_path / "plate.stl", "--rings-only", "--workers", 1)
+    campaign = run_json("simulate", plan, *options, "-o", tmp_path / "campaign")
+    assert (campaign["part"], campaign["captures"]) == ("plate", 4)
+    assert run_json("info", tmp_path / "plate.stl")["kind"] == "scene"
+    options = ("--scene", tmp_path / "plate.stl", "--export-scene", tmp_path / "exported")
+    exported = run_json("simulate", plan, *options)
+    assert exported["triangles"] == 12
+    assert {path.name for path in (tmp_path / "exported").iterdir()} == {
+        Path(file["path"]).name for file in exported["files"]
+    }
+    assert run_json("info", tmp_path / "exported")["part"] == "plate"
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from exposight.observing import read_observations
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
 from exposight.tables import number
-from exposight.twin.part import MESH_FILE, read_scene
+from exposight.twin.part import MESH_SUFFIXES, SCENE_FILE, is_scene, read_scene, scene_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -141,11 +141,14 @@ def _campaign(path: Path) -> Iterator[Fact]:
     yield from _facts(clouds=clouds, emulated=emulated, simulated=simulated)
 
 
-@_kind("scene", f"folder with {MESH_FILE}", lambda path: (path / MESH_FILE).is_file())
+@_kind(
+    "scene", f"{SCENE_FILE}, its folder, or features beside {', '.join(MESH_SUFFIXES)}", is_scene
+)
 def _scene(path: Path) -> Iterator[Fact]:
-    scene = read_scene(path)
-    yield fact("triangles", len(scene.faces))
+    scene, sensor = read_scene(path), scene_sensor(path)
+    yield from _facts(part=scene.part.name, triangles=len(scene.faces))
     yield _names("features", [feature.name for feature in scene.part.features])
+    yield fact("sensor", sensor.name if sensor else None)
 
 
 @_kind("model", MODEL_SUFFIX, lambda path: path.suffix == MODEL_SUFFIX or is_model_file(path))

@@ -10,11 +10,10 @@ from exposight.cell import sensor_named_or_read
 from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
-from exposight.errors import MissingFileError
 from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, scene_at
-from exposight.twin.part import FEATURES_FILE, MESH_FILE, SENSOR_FILE, export_scene
+from exposight.twin.part import export_scene, exported_files, find_scene
 
 
 def simulate_command(
@@ -56,7 +55,8 @@ def simulate_command(
         Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a JSON file, whose
         table "simulated" says electronics, lenses and patterns (docs/formats.md).
     scene
-        Another part than the built-in door: a folder as --export-scene writes it.
+        Another part than the built-in door: a mesh (PLY, STL, OBJ, GLB) with its features in
+        features.csv beside it, their folder, or a scene.toml (docs/formats.md).
     export_scene_to
         Write the scene's mesh, features and sensor for other programs, and leave.
     list_plans
@@ -73,12 +73,8 @@ def simulate_command(
     if options.observe and raw_frames:
         msg = "--observe keeps neither clouds nor frames: leave out --raw-frames"
         raise UsageError(msg)
-    if scene is not None and not (scene / MESH_FILE).is_file():
-        msg = (
-            f"no mesh at {scene / MESH_FILE}; expected a folder as this command makes it: "
-            "exposight simulate PLAN --export-scene FOLDER"
-        )
-        raise MissingFileError(msg)
+    if scene is not None:
+        find_scene(scene)
     chosen = plan_from(plan)
     if sensor is not None:
         chosen = replace(chosen, sensor=sensor_named_or_read(sensor))
@@ -97,8 +93,8 @@ def simulate_command(
 
 def _export(plan: MeasuringPlan, scene: Path | None, folder: Path) -> Result:
     exported = scene_at(scene)
-    names = {MESH_FILE: "mesh", FEATURES_FILE: "features", SENSOR_FILE: "sensor"}
-    files = tuple(Written.at(folder / name, kind) for name, kind in names.items())
+    names = exported_files(exported)
+    files = tuple(Written.at(folder / name, kind) for kind, name in names.items())
     export_scene(folder, exported, plan.sensor)
     facts = (
         fact("triangles", len(exported.faces)),

@@ -169,7 +169,8 @@ class SimulatedCellSettings:
     sensor : mapping of str to object
         What is to be otherwise than in the sensor's own table (`SensorSettings`), key by key.
     scene : Path, optional
-        Folder of an exported scene (`exposight.twin.part.export_scene`); None for the door.
+        A mesh, a folder or a scene's document (`exposight.twin.part.read_scene`); None for the
+        door.
     rings_only : bool
         Trace and decode only the neighbourhoods of the features' rings: p_norm and i_avg are the
         same as from whole frames, images are black and clouds empty elsewhere. Not for stereo and

@@ -226,12 +226,12 @@ def _by_name(planned: Iterable[PlannedView]) -> dict[str, tuple[str, RigidTransf
 
 
 def scene_at(folder: Path | None, finishes: Finishes | None = None) -> Scene:
-    """Return the scene in a folder, or the door; read once.
+    """Return the scene at a path, or the door; read once.
 
     Parameters
     ----------
     folder : Path or None
-        As `exposight.twin.part.export_scene` writes it; None for the door.
+        As for `exposight.twin.part.read_scene`; None for the door.
     finishes : Finishes, optional
         In place of its own.
 
@@ -262,7 +262,8 @@ def _tracer(folder: Path | None, finishes: Finishes) -> SceneTracer:
 
 def scene_checksum(scene: Scene) -> str:
     """Return the SHA-256 of a scene's triangles and of what they are made of."""
-    checksum = hashlib.sha256(repr((dict(scene.surfaces), scene.zones)).encode())
+    decisive = (dict(scene.surfaces), scene.zones, scene.crease_deg)
+    checksum = hashlib.sha256(repr(decisive).encode())
     for array in (scene.vertices, scene.faces, scene.face_finish):
         checksum.update(str(array.shape).encode())
         checksum.update(array.tobytes())

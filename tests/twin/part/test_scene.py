@@ -1,94 +1,46 @@
-"""Scenes: what makes a mesh unfit, and the files that other programs open."""
+"""Scenes: which arrays make one, and whether the features lie on the part."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from exposight.cell import Feature, Part, read_features, read_sensor, sensor_preset, write_features
-from exposight.errors import (
-    DamagedFileError,
-    FeatureError,
-    FileError,
-    FormatError,
-    InputError,
-    MissingFileError,
-)
+from exposight.cell import Feature, Part
+from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
-from exposight.twin.part import (
-    FEATURES_FILE,
-    MESH_FILE,
-    SENSOR_FILE,
-    Scene,
-    check_scene,
-    export_scene,
-    read_scene,
-)
+from exposight.twin.part import Scene, check_scene
+from exposight.twin.part.placement import MESH_UNITS_MM, _squared_distance
 
 
-def feature_at(position_mm):
+def feature_at(position_mm, kind="surface_point", radius_mm=30.0, **sizes):
     pose = RigidTransform(translation_mm=np.array(position_mm, dtype=float))
-    return Feature(name="f1", kind="surface_point", part_from_feature=pose, radius_mm=30.0)
+    return Feature(name="f1", kind=kind, part_from_feature=pose, radius_mm=radius_mm, **sizes)
+
+
+def scene_of(mesh, *features, **changes):
+    part = Part(name="box", features=features)
+    finish = np.zeros(len(mesh.faces), dtype=np.uint8)
+    return Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=part, **changes)
 
 
 @pytest.fixture
 def box():
-    """A closed box of 100 mm × 80 mm × 2 mm, its faces of every finish."""
-    mesh = trimesh.creation.box(extents=(100, 80, 2))
-    part = Part(name="box", features=(feature_at((40, 30, -1)),))
-    finish = np.arange(len(mesh.faces), dtype=np.uint8) % 4
-    return Scene(vertices=mesh.vertices, faces=mesh.faces, face_finish=finish, part=part)
-
-
-def test_a_closed_box_is_fine(box):
-    assert check_scene(box) is box
-    assert box.volume_mm3() == pytest.approx(100 * 80 * 2)
+    """A closed box of 100 mm × 80 mm × 2 mm, a feature on it."""
+    return scene_of(trimesh.creation.box(extents=(100, 80, 2)), feature_at((40, 30, -1)))
 
 
 def changed(scene, **arrays):
     return dataclasses.replace(scene, **arrays)
 
 
-def test_an_open_mesh_is_refused(box):
-    with pytest.raises(InputError, match=r"'box': expected a watertight body, got 3 open edges"):
-        check_scene(changed(box, faces=box.faces[1:], face_finish=box.face_finish[1:]))
-
-
-def test_a_triangle_turned_round_is_refused(box):
-    faces = box.faces.copy()
-    faces[0] = faces[0, ::-1]
-    with pytest.raises(InputError, match="turn all triangles outwards"):
-        check_scene(changed(box, faces=faces))
-
-
-def test_a_mesh_inside_out_is_refused(box):
-    with pytest.raises(InputError, match="its triangles look inwards; turn all of them round"):
-        check_scene(changed(box, faces=box.faces[:, ::-1]))
-
-
-def test_a_mesh_with_doubled_triangles_is_refused(box):
-    faces = np.concatenate([box.faces, box.faces])
-    finish = np.concatenate([box.face_finish, box.face_finish])
-    with pytest.raises(InputError, match="edges with more than two triangles"):
-        check_scene(changed(box, faces=faces, face_finish=finish))
-
-
-def test_a_triangle_without_area_is_refused(box):
-    vertices = np.concatenate([box.vertices, [box.vertices[box.faces[0, 0]]]])
-    a, b, c = box.faces[0]
-    new = len(box.vertices)
-    faces = np.concatenate([box.faces[1:], [[a, b, new], [b, c, new], [c, a, new]]])
-    finish = np.zeros(len(faces), dtype=np.uint8)
-    with pytest.raises(InputError, match="has no area; merge its corners"):
-        check_scene(changed(box, vertices=vertices, faces=faces, face_finish=finish))
-
-
-@pytest.mark.parametrize("scale", [0.001, 1000.0], ids=["metres", "micrometres"])
-def test_a_feature_off_the_mesh_is_refused(box, scale):
-    small = changed(box, vertices=box.vertices * scale)
-    with pytest.raises(FeatureError, match=r"feature 'f1' lies .* the same frame, and are in mm"):
-        check_scene(small)
+def sheet(size_mm, z_mm=0.0):
+    """Return a square of two triangles."""
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size_mm / 2
+    vertices = np.column_stack([square, np.full(4, z_mm)])
+    return trimesh.Trimesh(vertices, [(0, 1, 2), (0, 2, 3)], process=False)
 
 
 @pytest.mark.parametrize(
@@ -100,6 +52,8 @@ def test_a_feature_off_the_mesh_is_refused(box, scale):
         ({"faces": np.full((12, 3), 8)}, "faces must number vertices from 0 to 7, got 8 to 8"),
         ({"face_finish": np.zeros(3)}, "one entry for each of 12 faces"),
         ({"face_finish": np.full(12, 4)}, "must be one of 0 bare, 1 primer, 2 paint, 3 brushed"),
+        ({"n_obstacle_faces": 12}, "must leave some of 12 triangles to the part, got 12"),
+        ({"crease_deg": 91.0}, "crease_deg must be from 0 to 90, got 91"),
     ],
 )
 def test_arrays_that_are_no_mesh_are_refused(box, arrays, message):
@@ -107,74 +61,111 @@ def test_arrays_that_are_no_mesh_are_refused(box, arrays, message):
         changed(box, **arrays)
 
 
-# -- files ---------------------------------------------------------------------------------------
+def test_shading_follows_the_crease():
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=30.0)
+    on = feature_at((0, 0, -30))
+    facets = scene_of(ball, on, crease_deg=1.0).corner_normals()
+    np.testing.assert_allclose(facets, np.repeat(ball.face_normals[:, None], 3, 1), atol=1e-6)
+    assert np.abs(scene_of(ball, on).corner_normals() - facets).max() > 0.1
 
 
-@pytest.fixture
-def folder(box, tmp_path):
-    export_scene(tmp_path / "scene", box, sensor_preset("comet-pro-ae"))
-    return tmp_path / "scene"
+# -- features on the surface ---------------------------------------------------------------------
 
 
-def test_an_exported_scene_is_read_as_it_was(box, folder):
-    again = read_scene(folder, name="box")
-    np.testing.assert_array_equal(again.vertices, box.vertices)
-    np.testing.assert_array_equal(again.faces, box.faces)
-    np.testing.assert_array_equal(again.face_finish, box.face_finish)
-    assert again.part.name == "box"
-    (feature,) = again.part.features
-    assert feature.part_from_feature.translation_mm == pytest.approx([40, 30, -1])
+def test_any_surface_will_do(box):
+    turned = box.faces.copy()
+    turned[::2] = turned[::2, ::-1]
+    doubled = np.concatenate([box.faces, box.faces])
+    for scene in (
+        box,
+        changed(box, faces=turned),
+        changed(box, faces=box.faces[:, ::-1]),
+        changed(box, faces=doubled, face_finish=np.zeros(24)),
+        scene_of(sheet(100.0, -1.0), feature_at((40, 30, -1))),
+    ):
+        assert check_scene(scene) is scene
 
 
-def test_other_programs_read_the_exported_files(box, folder):
-    mesh = trimesh.load_mesh(folder / MESH_FILE)
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(box.volume_mm3())
-    assert len(read_features(folder / FEATURES_FILE)) == 1
-    assert read_sensor(folder / SENSOR_FILE).name == "ZEISS COMET Pro AE"
+@pytest.mark.parametrize("x_mm", [0.0, 3000.0, 4999.0])
+def test_a_feature_in_the_middle_of_a_large_triangle_lies_on_it(x_mm):
+    check_scene(scene_of(sheet(10_000.0), feature_at((x_mm, -2000, 0), "hole", 5.0)))
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "binary"])
-def test_a_mesh_of_another_program_is_bare(box, folder, encoding):
-    mesh = trimesh.Trimesh(box.vertices, box.faces, process=False)
-    mesh.export(folder / MESH_FILE, encoding=encoding)
-    assert not read_scene(folder).face_finish.any()
+@pytest.mark.parametrize(
+    ("feature", "least_mm", "most_mm"),
+    [
+        # h / 2 = 10 mm to either side of a ring; a cap's ring lies 0.854 radii above the centre
+        (feature_at((0, 0, 0), "hole", 8.0), -10, 10),
+        (feature_at((0, 0, 0)), -10, 10),
+        (feature_at((0, 0, 0), "slot", 4.0, length_mm=60.0, width_mm=8.0), -10, 10),
+        (feature_at((0, 0, 0), "pocket", 2.0, length_mm=60.0, width_mm=30.0), -10, 10),
+        (feature_at((0, 0, 0), "sphere", 20.0), -17.07 - 12.93, -17.07 + 12.93),
+    ],
+    ids=lambda value: getattr(value, "kind", None),
+)
+def test_the_measured_region_must_hold_some_of_the_surface(feature, least_mm, most_mm):
+    for z_mm in (least_mm + 0.1, most_mm - 0.1):
+        check_scene(scene_of(sheet(1000.0, z_mm), feature))
+    for z_mm in (least_mm - 0.1, most_mm + 0.1):
+        with pytest.raises(FeatureError, match="none of which is in its measured region"):
+            check_scene(scene_of(sheet(1000.0, z_mm), feature))
 
 
-def test_an_open_mesh_in_a_file_is_refused(box, folder):
-    trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(folder / MESH_FILE)
-    with pytest.raises(InputError, match="expected a watertight body"):
-        read_scene(folder)
+def test_a_long_slot_lies_where_its_ends_are():
+    slot = feature_at((0, 0, 0), "slot", 4.0, length_mm=200.0, width_mm=8.0)
+    end = sheet(10.0)
+    check_scene(scene_of(end.apply_translation((96 + 8, 0, 0)), slot))
+    with pytest.raises(FeatureError):
+        check_scene(scene_of(end.apply_translation((30, 0, 0)), slot))
 
 
-def test_a_scene_without_features_is_refused(folder):
-    write_features(folder / FEATURES_FILE, [])
-    with pytest.raises(FeatureError, match="lists no feature"):
-        read_scene(folder)
+def test_a_feature_a_metre_off_is_refused(box):
+    off = dataclasses.replace(box.part, features=(feature_at((1050.0, 0, 0)),))
+    with pytest.raises(FeatureError) as caught:
+        check_scene(changed(box, part=off))
+    message = str(caught.value)
+    assert "feature 'f1' at (1050, 0, 0) mm lies 1000 mm from the nearest surface" in message
+    assert "part 'box'" in message
+    assert "reaches from (-50, -40, -1) to (50, 40, 1) mm" in message
+    assert "check that mesh and features have the same frame and unit" in message
 
 
-@pytest.mark.parametrize("name", [MESH_FILE, FEATURES_FILE])
-def test_a_missing_file_is_named(folder, name):
-    (folder / name).unlink()
-    with pytest.raises(MissingFileError, match=name):
-        read_scene(folder)
+def test_an_obstacle_is_not_the_part(box):
+    near = sheet(50.0).apply_translation((500, 0, 0))
+    both = trimesh.util.concatenate([trimesh.Trimesh(box.vertices, box.faces), near])
+    clamped = feature_at((500, 0, 0))
+    check_scene(scene_of(both, clamped))
+    with pytest.raises(FeatureError, match="lies 450 mm from the nearest surface"):
+        check_scene(scene_of(both, clamped, n_obstacle_faces=2))
 
 
-@pytest.mark.parametrize("length", [0, 40, 400])
-def test_a_mesh_cut_off_is_refused(folder, length):
-    path = folder / MESH_FILE
-    path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(DamagedFileError, match=r"door\.ply cannot be read as a PLY mesh"):
-        read_scene(folder)
+@pytest.mark.parametrize("wrong", MESH_UNITS_MM)
+@pytest.mark.parametrize("right", MESH_UNITS_MM)
+def test_a_mesh_in_another_unit_is_noticed(right, wrong):
+    block = trimesh.creation.box(extents=(100, 80, 60))
+    block.apply_scale(MESH_UNITS_MM[wrong] / MESH_UNITS_MM[right])
+    scaled = scene_of(block, feature_at((40, 30, -30), "hole", 2.0))
+    if right == wrong:
+        check_scene(scaled, wrong)
+    else:
+        expected = f'with a mesh in {right} instead of {wrong} every .* unit = "{right}"'
+        with pytest.raises(FeatureError, match=expected):
+            check_scene(scaled, wrong)
 
 
-def test_a_file_without_triangles_is_refused(folder):
-    trimesh.PointCloud(np.eye(3)).export(folder / MESH_FILE)
-    with pytest.raises(FormatError, match="holds no triangles"):
-        read_scene(folder)
+numbers = st.floats(-100, 100)
+point = st.tuples(numbers, numbers, numbers)
 
 
-def test_a_folder_that_cannot_be_made_is_named(box, tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FileError, match="cannot be used for a scene"):
-        export_scene(tmp_path / "file" / "scene", box, sensor_preset("comet-pro-ae"))
+@settings(deadline=None)  # the first call compiles
+@given(point, point, point, point)
+def test_the_distance_to_a_triangle_is_that_of_its_nearest_point(p, a, b, c):
+    p, a, b, c = (np.array(each) for each in (p, a, b, c))
+    distance = np.sqrt(_squared_distance(p, a, b, c))
+    s, t = np.meshgrid(*[np.linspace(0, 1, 60)] * 2)
+    inside = s + t <= 1
+    some = a + np.multiply.outer(s[inside], b - a) + np.multiply.outer(t[inside], c - a)
+    nearest = np.linalg.norm(some - p, axis=1).min()
+    step = max(np.linalg.norm(b - a), np.linalg.norm(c - a)) / 59
+    assert distance <= nearest + 1e-6
+    assert nearest <= distance + 1.5 * step + 1e-6

@@ -2,15 +2,20 @@
 
 from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
 from exposight.twin.part.finishes import Finishes, Zone
+from exposight.twin.part.mesh_files import MESH_SUFFIXES, Mesh, read_mesh
 from exposight.twin.part.presses import Bead, Pocket, PressProfile, RingBead, RoundedPolygon
-from exposight.twin.part.scene import (
+from exposight.twin.part.scene import Scene, check_scene
+from exposight.twin.part.scene_files import (
     FEATURES_FILE,
-    MESH_FILE,
+    SCENE_FILE,
     SENSOR_FILE,
-    Scene,
-    check_scene,
+    SceneDocument,
     export_scene,
+    exported_files,
+    find_scene,
+    is_scene,
     read_scene,
+    scene_sensor,
 )
 from exposight.twin.part.sheet_mesh import MeshSettings, mesh_sheet
 from exposight.twin.part.sheet_shape import Hole, SheetShape
