@@ -120,7 +120,7 @@ def test_smooth_normals_are_those_of_the_design(scene):
     error_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     assert np.median(error_deg) < 0.02  # single precision
     assert np.percentile(error_deg, [90, 99]) == pytest.approx([1, 3], abs=1)  # bends cut at 1 mm
-    assert error_deg.max() < 10
+    assert error_deg.max() < 12
 
 
 # -- features ------------------------------------------------------------------------------------
