@@ -161,7 +161,10 @@ def _lattice(shape: SheetShape, settings: MeshSettings) -> NDArray[np.float64]:
     )
     for hole in shape.holes:
         outermost, spacing = _ring_sizes(shape, hole, settings)[-1]
-        keep &= hole.distance_mm(points) > outermost - hole.radius_mm + 0.6 * spacing
+        beyond = outermost - hole.radius_mm + 0.6 * spacing
+        reach = hole.radius_mm + hole.straight_mm / 2 + beyond
+        near = np.flatnonzero(np.abs(points - hole.centre_mm).max(axis=1) <= reach)
+        keep[near] &= hole.distance_mm(points[near]) > beyond
     return np.asarray(points[keep])
 
 
