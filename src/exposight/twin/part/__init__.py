@@ -1,4 +1,4 @@
-"""What light falls on: sheet metal, its shape as a closed mesh, its finishes, its features."""
+"""What light falls on: the built-in sheet or any other mesh, its finishes, its features."""
 
 from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
 from exposight.twin.part.finishes import Finishes, Zone
