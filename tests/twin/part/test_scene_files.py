@@ -31,7 +31,12 @@ from exposight.twin.part import (
     FEATURES_FILE,
     SCENE_FILE,
     SENSOR_FILE,
+    SURFACES,
+    ClearCoat,
     Scene,
+    SecondLobe,
+    Surface,
+    Zone,
     export_scene,
     exported_files,
     is_scene,
@@ -348,6 +353,85 @@ def test_obstacles_and_the_crease_are_exported(box, tmp_path):
     assert (again.n_obstacle_faces, again.crease_deg) == (2, 12.5)
     np.testing.assert_array_equal(again.vertices[again.faces], scene.vertices[scene.faces])
     np.testing.assert_array_equal(again.face_finish, scene.face_finish)
+
+
+GLOSS = Surface(
+    diffuse_albedo=0.1,
+    mirror_reflectance=0.2,
+    alpha_along=0.3,
+    alpha_across=0.4,
+    brushed_along=(0.0, 1.0, 0.0),
+    second_lobe=SecondLobe(share=0.5, mirror_reflectance=0.1, alpha_along=0.1, alpha_across=0.1),
+    coat=ClearCoat(alpha=0.1),
+)
+
+
+def test_further_surfaces_and_zones_are_exported(box, tmp_path):
+    zones = (
+        Zone(finish="gloss", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0),
+        Zone(finish="paint", box_mm=((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))),
+    )
+    surfaces = {"gloss": GLOSS, "paint": GLOSS, "bare": SURFACES["bare"]}  # in an order of its own
+    finish = np.arange(len(box.faces)) % 3
+    scene = dataclasses.replace(box, surfaces=surfaces, face_finish=finish, zones=zones)
+    export_scene(tmp_path, scene, COMET)
+    again = read_scene(tmp_path)
+    assert again.zones == zones
+    assert {name: again.surfaces[name] for name in surfaces} == surfaces
+    for other in (again, scene):
+        names = [tuple(other.surfaces)[number] for number in other.face_finish]
+        assert names == [("gloss", "paint", "bare")[number] for number in finish]
+
+
+COLOURED = """format = "exposight scene"
+version = 1
+mesh = "part.ply"
+obstacles = ["clamp.stl"]
+finish = "gloss"
+zones = [{ finish = "bare", box_mm = [[0, 0, 0], [1, 1, 1]] }]
+colours = { "#1e90ff" = "paint" }
+
+[surfaces.gloss]
+diffuse_albedo = 0.1
+mirror_reflectance = 0.2
+alpha_along = 0.3
+alpha_across = 0.3
+"""
+
+
+@pytest.fixture
+def coloured(folder):
+    mesh = trimesh.creation.box(extents=(120, 80, 4))
+    mesh.visual.face_colors = [(200, 200, 200, 255)] * 8 + [(30, 144, 255, 255)] * 4
+    mesh.export(folder / "part.ply")
+    trimesh.creation.icosphere().apply_translation((0, 0, 99)).export(folder / "clamp.stl")
+    return folder
+
+
+def test_a_document_says_which_finish_is_where(coloured):
+    (coloured / SCENE_FILE).write_text(COLOURED)
+    scene = read_scene(coloured)
+    names = np.array(tuple(scene.surfaces))[scene.face_finish]
+    assert names[:12].tolist() == ["gloss"] * 8 + ["paint"] * 4
+    assert set(names[12:]) == {"bare"}  # the clamp
+    assert scene.surfaces["gloss"].mirror_reflectance == 0.2
+    assert [zone.finish for zone in scene.zones] == ["bare"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"gloss"', '"glos"', "'glos' is not known; did you mean 'gloss'"),
+        ("#1e90ff", "#1e90fe", "'#1e90fe'; did you mean '#1e90ff'"),
+        ("#1e90ff", "blue", "expected a triangle's colour as '#rrggbb'"),
+        ("alpha_along", "alpha", r"'surfaces\.gloss\.alpha' is unknown"),
+        ("albedo = 0.1", "albedo = 0.9", "must not reflect more than comes in"),
+    ],
+)
+def test_a_document_with_wrong_finishes_is_refused(coloured, old, new, message):
+    (coloured / SCENE_FILE).write_text(COLOURED.replace(old, new))
+    with pytest.raises(FormatError, match=message):
+        read_scene(coloured)
 
 
 def test_other_programs_read_the_exported_files(box, tmp_path):

@@ -129,6 +129,7 @@ class Finishes:
         face_finish: NDArray[np.uint8],
         surfaces: Mapping[str, Surface] = SURFACES,
         face_colours: NDArray[np.uint8] | None = None,
+        n_part_faces: int | None = None,
     ) -> tuple[NDArray[np.uint8], dict[str, Surface]]:
         """Return the finish of triangles, and the surfaces whose numbers those are.
 
@@ -140,6 +141,9 @@ class Finishes:
             Those that are known without the document.
         face_colours : (m, 3 or 4) ndarray of uint8, optional
             Red, green and blue of the triangles.
+        n_part_faces : int, optional
+            So many triangles from the first on are the part, all by default; the others, which are
+            obstacles, keep their finish unless their colour has one.
 
         Raises
         ------
@@ -150,7 +154,7 @@ class Finishes:
         numbers = {name: number for number, name in enumerate(known)}
         result = np.array(face_finish)
         if self.finish is not None:
-            result[:] = numbers[self.finish]
+            result[:n_part_faces] = numbers[self.finish]
         if not self.colours:
             return result, known
         if face_colours is None:

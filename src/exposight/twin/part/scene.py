@@ -90,10 +90,9 @@ class Scene:
         InputError
             As for `Finishes.of_faces`.
         """
-        finish, surfaces = finishes.of_faces(self.face_finish, self.surfaces, face_colours)
-        if finishes.finish:  # is the part's; further surfaces come last, so numbers stay
-            n = len(self.part_faces)
-            finish[n:] = self.face_finish[n:]
+        finish, surfaces = finishes.of_faces(
+            self.face_finish, self.surfaces, face_colours, len(self.part_faces)
+        )
         zones = (*(() if finishes.finish else self.zones), *finishes.zones)
         return replace(self, face_finish=finish, surfaces=surfaces, zones=zones)
 

@@ -22,6 +22,7 @@ from exposight.cell import (
 from exposight.errors import FormatError, InputError, MissingFileError
 from exposight.files import DocumentFormat, make_folder, read_text, write_durably
 from exposight.twin.part.corner_normals import CREASE_DEG
+from exposight.twin.part.finishes import Finishes
 from exposight.twin.part.mesh_files import (
     MESH_SUFFIXES,
     join_meshes,
@@ -30,13 +31,14 @@ from exposight.twin.part.mesh_files import (
     unit_of,
 )
 from exposight.twin.part.scene import Scene, check_scene
+from exposight.twin.part.surfaces import SURFACES
 
 SCENE_FILE, FEATURES_FILE, SENSOR_FILE = "scene.toml", "features.csv", "sensor.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneDocument:
-    """What ``scene.toml`` says; its paths begin at its folder.
+class SceneDocument(Finishes):
+    """What ``scene.toml`` says, `Finishes` included; its paths begin at its folder.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ class SceneDocument:
     Raises
     ------
     InputError
-        If no mesh is named.
+        If no mesh is named, or a finish is not known.
     """
 
     mesh: str | tuple[str, ...]
@@ -70,6 +72,8 @@ class SceneDocument:
     crease_deg: float = CREASE_DEG
 
     def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_names()
         if not self.mesh:
             msg = "key 'mesh' must name the part's mesh"
             raise InputError(msg)
@@ -189,6 +193,7 @@ def read_scene(path: Path) -> Scene:
         vertices=mesh.vertices,
         faces=mesh.faces,
         face_finish=bare if mesh.finish is None else mesh.finish,
+        surfaces=document.check_names(),
         part=Part(
             name=document.name or first.stem,
             features=read_features(folder / str(document.features)),
@@ -196,6 +201,11 @@ def read_scene(path: Path) -> Scene:
         n_obstacle_faces=sum(len(mesh.faces) for mesh in obstacles),
         crease_deg=document.crease_deg,
     )
+    try:
+        scene = scene.with_finishes(document, mesh.colours)
+    except InputError as error:
+        msg = f"the scene {path}: {error}"
+        raise FormatError(msg) from error
     return check_scene(scene, document.unit or unit_of(first))
 
 
@@ -247,6 +257,11 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
         If the disk refuses.
     """
     folder, names = make_folder(Path(folder), "a scene"), exported_files(scene)
+    further = {name: it for name, it in scene.surfaces.items() if SURFACES.get(name) != it}
+    finishes = Finishes(surfaces=further, zones=scene.zones)
+    numbers = {name: number for number, name in enumerate(finishes.check_names())}
+    renumbered = np.array([numbers[name] for name in scene.surfaces])[scene.face_finish]
+    scene = replace(scene, face_finish=renumbered, surfaces=finishes.check_names())
     n = len(scene.part_faces)
     write_durably(folder / names["mesh"], _ply(scene, slice(n)))
     if "obstacles" in names:
@@ -263,6 +278,7 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
         document["obstacles"] = [names["obstacles"]]
     if scene.crease_deg != CREASE_DEG:
         document["crease_deg"] = scene.crease_deg
+    document |= finishes.table()
     write_durably(folder / SCENE_FILE, tomli_w.dumps(document).encode())
 
 
