@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -64,14 +65,14 @@ def bevelled_plate(step_mm: float | None, finish: str) -> Scene:
         count = 72 if step_mm is None else max(72, math.ceil(2 * math.pi * radius / step_mm))
         angle = 2 * math.pi * np.arange(count) / count
         loops.append(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=-1))
-    points = np.concatenate(loops)
     if step_mm is not None:
         grid = [np.arange(-h + step_mm, h - step_mm / 2, step_mm) for h in _HALF_MM]
         inner = np.stack(np.meshgrid(*grid), axis=-1).reshape(-1, 2)
         for x, y, radius in _HOLES:
             inner = inner[np.hypot(inner[:, 0] - x, inner[:, 1] - y) > radius + step_mm / 2]
-        points = np.concatenate([points, inner])
-    front: NDArray[np.int32] = Delaunay(points).simplices
+        loops.append(inner)
+    points = np.concatenate(loops)
+    front: NDArray[Any] = np.asarray(Delaunay(points).simplices)
     middle = points[front].mean(axis=1)
     for x, y, radius in _HOLES:  # chords stay inside the circle
         front = front[

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from exposight.cell import (
     read_sensor,
     sensor_preset,
     write_features,
+    write_sensor,
 )
 from exposight.geometry import RigidTransform
 from exposight.observing import read_observations
@@ -109,6 +111,29 @@ def test_a_plan_becomes_a_campaign(simulated):
     }
     assert {key: told[key] for key in expected} == expected
     assert told["files"][0]["path"] == str(folder)
+
+
+def test_the_scenes_sensor_measures_unless_another_is_given(plan, scene, run, run_json, tmp_path):
+    folder = tmp_path / "scene"
+    shutil.copytree(scene, folder)
+    dim = {"camera": {"full_well_e": 20_000.0}, "fringes": [1, 8, 60], "steps": 5}
+    sensor = replace(sensor_preset("comet-pro-ae"), name="dim", simulated=dim)
+    write_sensor(folder / "sensor.json", sensor)
+    out = tmp_path / "campaign"
+    told = run_json("simulate", plan, "--scene", folder, "--rings-only", "-o", out)
+    assert told["sensor"] == "dim"
+    assert "the sensor is the scene's, dim, not the plan's" in told["notes"]
+    assert read_sensor(out / "sensor.json") == sensor
+    write_sensor(tmp_path / "mine.json", replace(sensor, name="mine"))
+    told = run_json(
+        *("simulate", plan, "--scene", folder, "--rings-only", "-o", tmp_path / "other"),
+        *("--sensor", tmp_path / "mine.json"),
+    )
+    assert told["sensor"] == "mine"
+    write_sensor(tmp_path / "bad.json", replace(sensor, simulated={"camera": {"iso": 100}}))
+    ended = run("simulate", plan, "--sensor", tmp_path / "bad.json", "-o", tmp_path / "none")
+    assert ended.exit_code == 1
+    assert "simulated: key 'camera.iso' is unknown" in ended.stderr
 
 
 def test_info_says_what_is_simulated(simulated, scene, run_json):

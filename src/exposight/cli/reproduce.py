@@ -20,7 +20,7 @@ _SHOWN = (
     ("q_k4", "test"),
     ("e_k1", "test"),
     ("e_k6", "test_inside"),
-    ("e_k6_lin", "test_inside"),
+    ("e_k6_lin", "validation"),
     ("q_k4_s2", "test_inside"),
     ("e_k6_s2", "test_inside"),
 )

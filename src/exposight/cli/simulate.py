@@ -13,7 +13,7 @@ from exposight.cli.result import Result, Written, fact
 from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, scene_at
-from exposight.twin.part import export_scene, exported_files, find_scene
+from exposight.twin.part import export_scene, exported_files, scene_sensor
 
 
 def simulate_command(
@@ -53,7 +53,8 @@ def simulate_command(
         Keep every frame that a cloud was computed from beside it, for decode to read.
     sensor
         Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a JSON file, whose
-        table "simulated" says electronics, lenses and patterns (docs/formats.md).
+        table "simulated" says electronics, lenses and patterns (docs/formats.md); by default the
+        scene's, if it has one.
     scene
         Another part than the built-in door: a mesh (PLY, STL, OBJ, GLB) with its features in
         features.csv beside it, their folder, or a scene.toml (docs/formats.md).
@@ -73,11 +74,14 @@ def simulate_command(
     if options.observe and raw_frames:
         msg = "--observe keeps neither clouds nor frames: leave out --raw-frames"
         raise UsageError(msg)
-    if scene is not None:
-        find_scene(scene)
     chosen = plan_from(plan)
-    if sensor is not None:
-        chosen = replace(chosen, sensor=sensor_named_or_read(sensor))
+    scene_has = None if scene is None else scene_sensor(scene)
+    given_sensor = scene_has if sensor is None else sensor_named_or_read(sensor)
+    notes: tuple[str, ...] = ()
+    if given_sensor is not None and given_sensor != chosen.sensor:
+        whose = "the scene's" if sensor is None else "that of --sensor"
+        notes = (f"the sensor is {whose}, {given_sensor.name}, not the plan's",)
+        chosen = replace(chosen, sensor=given_sensor)
     if export_scene_to is not None:
         if rings_only or raw_frames or options != DEFAULTS:
             msg = "--export-scene simulates nothing: leave out everything but --scene"
@@ -86,9 +90,10 @@ def simulate_command(
     given = {"rings_only": rings_only, "raw_frames": raw_frames, "scene": scene}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value}
     folder = None if plan in PLANS else Path(plan).parent
-    return carry_out(
+    result = carry_out(
         chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder, **changes), options
     )
+    return replace(result, notes=(*notes, *result.notes))
 
 
 def _export(plan: MeasuringPlan, scene: Path | None, folder: Path) -> Result:
