@@ -73,12 +73,11 @@ def bevelled_plate(step_mm: float | None, finish: str) -> Scene:
         loops.append(inner)
     points = np.concatenate(loops)
     front: NDArray[Any] = np.asarray(Delaunay(points).simplices)
-    middle = points[front].mean(axis=1)
+    middle: NDArray[Any] = points[front].mean(axis=1)
+    keep = np.ones(len(front), dtype=bool)
     for x, y, radius in _HOLES:  # chords stay inside the circle
-        front = front[
-            np.hypot(middle[:, 0] - x, middle[:, 1] - y) > radius * math.cos(math.pi / 72)
-        ]
-        middle = points[front].mean(axis=1)
+        keep &= np.hypot(middle[:, 0] - x, middle[:, 1] - y) > radius * math.cos(math.pi / 72)
+    front = front[keep]
     # Rings of points from the front's border over the bevel to the back.
     outer = loops[0]
     edge = outer * (half + _BEVEL_MM) / half
