@@ -67,7 +67,7 @@ def bevelled_plate(step_mm: float | None, finish: str) -> Scene:
         loops.append(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=-1))
     if step_mm is not None:
         grid = [np.arange(-h + step_mm, h - step_mm / 2, step_mm) for h in _HALF_MM]
-        inner = np.stack(np.meshgrid(*grid), axis=-1).reshape(-1, 2)
+        inner: NDArray[Any] = np.stack(np.meshgrid(*grid), axis=-1).reshape(-1, 2)
         for x, y, radius in _HOLES:
             inner = inner[np.hypot(inner[:, 0] - x, inner[:, 1] - y) > radius + step_mm / 2]
         loops.append(inner)
