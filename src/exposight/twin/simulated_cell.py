@@ -215,7 +215,7 @@ class SimulatedCell:
 
     @property
     def _model(self) -> sensors.StripeSensor | sensors.DotSensor:
-        return _sensor_model(self.sensor, self.settings)
+        return sensor_model(self.sensor, self.settings)
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_traced": None}  # other processes trace for themselves
@@ -271,10 +271,23 @@ def scene_checksum(scene: Scene) -> str:
 
 
 @lru_cache(maxsize=4)
-def _sensor_model(
+def sensor_model(
     sensor: ActiveSensor, cell: SimulatedCellSettings
 ) -> sensors.StripeSensor | sensors.DotSensor:
-    """Return a sensor with the light, the cameras and the decoding of its kind."""
+    """Return a sensor with the light, the cameras and the decoding of its kind.
+
+    Parameters
+    ----------
+    sensor : ActiveSensor
+        With a projector.
+    cell : SimulatedCellSettings
+        Lighting, and what is otherwise than in the sensor's document.
+
+    Raises
+    ------
+    SensorError, ImageError, FormatError
+        If the sensor cannot be simulated.
+    """
     settings = sensors.sensor_settings(sensor, cell.sensor)
     light = LightModel(projector=settings.projector, camera=settings.lens, lighting=cell.lighting)
     if len(sensor.cameras) > 1:

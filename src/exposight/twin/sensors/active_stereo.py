@@ -99,6 +99,11 @@ class DotSensor:
         return rectify(first, second, self.sensor.first_from_camera[1])
 
     @property
+    def matched_mm(self) -> tuple[float, float]:
+        """Nearest and farthest depth that are matched, mm."""
+        return self.depth_limits_mm or self.sensor.working_distance_mm
+
+    @property
     def mean_light(self) -> float:
         """Share of the projector's light that the slide passes."""
         return float(self._slide[0].mean()) / np.iinfo(np.uint16).max
@@ -196,8 +201,9 @@ class DotSensor:
             If the sensor cannot take this exposure time.
         """
         images = self.images(light, exposure_ms, seed)
-        depths_mm = self.depth_limits_mm or self.sensor.working_distance_mm
-        cloud = match_pair(*images, self.pair, depth_limits_mm=depths_mm, limits=self.matching)
+        cloud = match_pair(
+            *images, self.pair, depth_limits_mm=self.matched_mm, limits=self.matching
+        )
         return Capture(
             view=view,
             exposure_ms=exposure_ms,

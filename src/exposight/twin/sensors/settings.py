@@ -234,6 +234,34 @@ def sequence_of(sensor: ActiveSensor, settings: SensorSettings) -> imaging.Patte
     return replace(sequence, bit_depth=settings.camera.bit_depth)
 
 
+def matt_white_radiance(sensor: ActiveSensor, settings: SensorSettings, passed: float) -> float:
+    """Return the light of matt white at the TCP, facing the camera, behind its lens, 1/mm².
+
+    Parameters
+    ----------
+    sensor : ActiveSensor
+        With a projector.
+    settings : SensorSettings
+        Both lenses are read.
+    passed : float
+        Share of the projector's light that the patterns pass on average.
+
+    Raises
+    ------
+    SensorError
+        If the projector lights the plate from behind.
+    """
+    # the part's frame: the TCP's
+    lamp = lamp_of(sensor, sensor.camera_from_tcp, settings.projector)
+    facing = -lamp.centre_mm[2] / float(np.linalg.norm(lamp.centre_mm))
+    if facing <= 0:
+        msg = f"sensor {sensor.name!r}: its projector lights a plate at the TCP from behind"
+        raise SensorError(msg)
+    x, y, z = sensor.camera_from_tcp.translation_mm
+    dimmed = (z / math.sqrt(x * x + y * y + z * z)) ** settings.lens.vignetting_exponent
+    return float(passed * lamp.irradiance_at_tcp * facing / math.pi * dimmed)
+
+
 def electrons_on_matt_white(
     sensor: ActiveSensor, settings: SensorSettings, passed: float
 ) -> CameraElectronics:
@@ -256,16 +284,7 @@ def electrons_on_matt_white(
     camera, white = settings.camera, settings.matt_white
     if white is None:
         return camera
-    lamp = lamp_of(
-        sensor, sensor.camera_from_tcp, settings.projector
-    )  # the part's frame: the TCP's
-    facing = -lamp.centre_mm[2] / float(np.linalg.norm(lamp.centre_mm))
-    if facing <= 0:
-        msg = f"sensor {sensor.name!r}: its projector lights a plate at the TCP from behind"
-        raise SensorError(msg)
-    x, y, z = sensor.camera_from_tcp.translation_mm
-    dimmed = (z / math.sqrt(x * x + y * y + z * z)) ** settings.lens.vignetting_exponent
-    radiance = passed * lamp.irradiance_at_tcp * facing / math.pi * dimmed
+    radiance = matt_white_radiance(sensor, settings, passed)
     grey = white.grey_levels * full_scale(camera.bit_depth) / GREY_MAX
     electrons = grey / camera.gain - camera.dark_current_e_per_s * white.exposure_ms / 1000.0
     if electrons <= 0:

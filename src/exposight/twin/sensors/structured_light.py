@@ -250,7 +250,7 @@ class StripeSensor:
         """
         stacks = self.frames(light, exposure_ms, seed)
         tiles = zip(light.tiles, stacks, strict=True)
-        clouds = [self._measured(stack, tile.box) for tile, stack in tiles]
+        clouds = [self.points(stack, tile.box)[0] for tile, stack in tiles]
         if light.is_whole:
             cloud = clouds[0]
         else:
@@ -269,8 +269,28 @@ class StripeSensor:
             attachments=frame_files(self.whole_frame(light, stacks, i) for i in frames),
         )
 
-    def _measured(self, stack: FrameStack, box: PixelBox) -> Cloud:
-        """Return the points of a rectangle of pixels."""
+    def points(
+        self, stack: FrameStack, box: PixelBox, *, with_noise: bool = False
+    ) -> tuple[Cloud, NDArray[np.float64]]:
+        """Decode and triangulate a rectangle of pixels.
+
+        Parameters
+        ----------
+        stack : FrameStack
+            As `frames` took it.
+        box : PixelBox
+            The pixels.
+        with_noise : bool
+            Predict the depth noise, even where it limits nothing.
+
+        Returns
+        -------
+        Cloud
+            Organised like the rectangle.
+        (rows, columns) ndarray of float64, mm
+            Standard deviation of depth predicted for samples of `half_full_noise_e`
+            (`exposight.imaging.depth_noise_mm`); NaN where none is.
+        """
         projector = projector_of(self.sensor)
         poses: dict[str, Any] = {
             "projector": projector.camera,
@@ -278,15 +298,21 @@ class StripeSensor:
         }
         decoded = decode(stack, self.sequence, self.limits)
         cloud = triangulate(decoded, camera=self.sensor.camera, window=box, **poses)
-        if self.max_depth_noise_mm is None:
-            return cloud
-        # A filter knows its camera's noise but not each sample's: it takes a half full pixel's.
+        limit_mm = self.max_depth_noise_mm
+        if not self._fringes or (limit_mm is None and not with_noise):
+            return cloud, np.full(decoded.image_shape, np.nan)
         camera = self.electronics
-        half_full = math.sqrt(camera.read_noise_e**2 + camera.full_well_e / 2)
-        grey_noise = half_full * camera.gain * GREY_MAX / full_scale(camera.bit_depth)
+        grey_noise = self.half_full_noise_e * camera.gain * GREY_MAX / full_scale(camera.bit_depth)
         noise_mm = depth_noise_mm(cloud, decoded, self._fringes[-1], grey_noise, **poses)
-        noisy = (noise_mm > self.max_depth_noise_mm)[..., None]
-        return Cloud(points=np.where(noisy, np.float32(np.nan), cloud.points))
+        if limit_mm is not None:
+            noisy = (noise_mm > limit_mm)[..., None]
+            cloud = Cloud(points=np.where(noisy, np.float32(np.nan), cloud.points))
+        return cloud, noise_mm
+
+    @property
+    def half_full_noise_e(self) -> float:
+        """Noise of a half full pixel: a filter knows its camera's noise, not each sample's."""
+        return math.sqrt(self.electronics.read_noise_e**2 + self.electronics.full_well_e / 2)
 
     def whole_frame(self, light: StripeLight, stacks: Sequence[FrameStack], *frames: int) -> Image:
         """Return one of the frames, or the mean of several, in the camera's size.
