@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from exposight.cell import sensor_named_or_read
+from exposight.cell import ActiveSensor, sensor_named_or_read, sensor_preset
 from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
-from exposight.twin import SimulatedCell, scene_at
+from exposight.twin import SimulatedCell, SimulatedCellSettings, scene_at
 from exposight.twin.part import export_scene, exported_files, scene_sensor
 
 
@@ -23,6 +23,7 @@ def simulate_command(
     rings_only: bool = False,
     raw_frames: bool = False,
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
+    check: bool = False,
     scene: Path | None = None,
     export_scene_to: Annotated[Path | None, Parameter("--export-scene")] = None,
     list_plans: Annotated[bool, Parameter("--list")] = False,
@@ -42,6 +43,8 @@ def simulate_command(
 
         exposight simulate x --rings-only --observe -o observations.csv
 
+        exposight simulate --check --sensor sensor.json -o check.html
+
     Parameters
     ----------
     plan
@@ -55,6 +58,10 @@ def simulate_command(
         Another sensor than the plan's: a preset (comet-pro-ae, rc-visard-65) or a JSON file, whose
         table "simulated" says electronics, lenses and patterns (docs/formats.md); by default the
         scene's, if it has one.
+    check
+        Carry out nothing: measure the plan's sensor, or that of --sensor, as EMVA 1288 measures a
+        camera, and on plates; write a page (check.html) on which each figure stands beside the
+        sensor's table.
     scene
         Another part than the built-in door: a mesh (PLY, STL, OBJ, GLB) with its features in
         features.csv beside it, their folder, or a scene.toml (docs/formats.md).
@@ -68,6 +75,13 @@ def simulate_command(
             msg = f"--list lists all plans; exposight info {plan} describes one"
             raise UsageError(msg)
         return _plans()
+    if check:
+        if rings_only or raw_frames or export_scene_to or replace(options, output=None) != DEFAULTS:
+            msg = (
+                "--check takes no captures: leave out all but plan, --sensor, --scene and --output"
+            )
+            raise UsageError(msg)
+        return _check(plan, _given_sensor(sensor, scene), options.output or Path("check.html"))
     if plan is None:
         msg = "give a measuring plan: a TOML or YAML file, or a name from --list"
         raise UsageError(msg)
@@ -75,8 +89,7 @@ def simulate_command(
         msg = "--observe keeps neither clouds nor frames: leave out --raw-frames"
         raise UsageError(msg)
     chosen = plan_from(plan)
-    scene_has = None if scene is None else scene_sensor(scene)
-    given_sensor = scene_has if sensor is None else sensor_named_or_read(sensor)
+    given_sensor = _given_sensor(sensor, scene)
     notes: tuple[str, ...] = ()
     if given_sensor is not None and given_sensor != chosen.sensor:
         whose = "the scene's" if sensor is None else "that of --sensor"
@@ -94,6 +107,23 @@ def simulate_command(
         chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder, **changes), options
     )
     return replace(result, notes=(*notes, *result.notes))
+
+
+def _given_sensor(sensor: str | None, scene: Path | None) -> ActiveSensor | None:
+    """Return the sensor of --sensor, or the scene's; None where the plan's is meant."""
+    if sensor is not None:
+        return sensor_named_or_read(sensor)
+    return None if scene is None else scene_sensor(scene)
+
+
+def _check(plan: str | None, sensor: ActiveSensor | None, output: Path) -> Result:
+    from exposight.cli.sensor_check import check_and_write  # plotting takes a second to import
+
+    if plan is None:
+        return check_and_write(sensor or sensor_preset("comet-pro-ae"), None, output)
+    chosen = plan_from(plan)
+    cell = SimulatedCellSettings.of_plan(chosen, None if plan in PLANS else Path(plan).parent)
+    return check_and_write(sensor or chosen.sensor, cell, output)
 
 
 def _export(plan: MeasuringPlan, scene: Path | None, folder: Path) -> Result:

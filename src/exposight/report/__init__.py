@@ -1,6 +1,7 @@
 """Results to one HTML page that opens without a network.
 
-A page for any campaign and models (`campaign_report`), the demonstration, and the paper's study.
+A page for any campaign and models (`campaign_report`), the demonstration, the paper's study,
+and the check of a simulated sensor.
 """
 
 from exposight.report.campaign_page import CampaignReport, campaign_report, write_campaign_report
@@ -8,4 +9,5 @@ from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, Mod
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh
+from exposight.report.sensor_check_page import sensor_check_page, write_sensor_check
 from exposight.report.study_page import write_study

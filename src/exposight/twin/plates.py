@@ -272,21 +272,20 @@ class PlateBench:
         exposure_ms, pixels = best
         error = pixels.depth_mm - view.depth_mm
         again = self._pixels(view, exposure_ms, number + 1000).depth_mm - pixels.depth_mm
-        bias = float(np.nanmedian(error))
-        predicted = pixels.noise_mm[np.isfinite(again)]
-        predicted_mm = float(np.median(predicted)) if np.isfinite(predicted).any() else math.nan
+        bias_mm = _median(error)
+        predicted_mm = _median(pixels.noise_mm)
         if not math.isnan(predicted_mm):  # pixels differ in noise: each in its own unit
             again *= predicted_mm / pixels.noise_mm
         return PlateDepth(
             distance_mm=view.distance_mm,
             exposure_ms=exposure_ms,
-            grey_levels=float(np.median(pixels.grey[view.is_covered])),
+            grey_levels=_median(pixels.grey[view.is_covered]),
             covered_share=covered_share,
             points_share=float(np.isfinite(pixels.depth_mm).mean()),
-            median_error_mm=float(np.nanmedian(np.abs(error))),
-            bias_mm=bias,
-            noise_mm=_ROBUST * float(np.nanmedian(np.abs(error - bias))),
-            repeat_noise_mm=_ROBUST * float(np.nanmedian(np.abs(again))) / math.sqrt(2.0),
+            median_error_mm=_median(np.abs(error)),
+            bias_mm=bias_mm,
+            noise_mm=_ROBUST * _median(np.abs(error - bias_mm)),
+            repeat_noise_mm=_ROBUST * _median(np.abs(again)) / math.sqrt(2.0),
             predicted_noise_mm=predicted_mm,
         )
 
@@ -370,3 +369,9 @@ class _Pixels(NamedTuple):
     depth_mm: NDArray[np.float64]
     noise_mm: NDArray[np.float64]
     grey: NDArray[np.float64]
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """Return the median of what is not missing; NaN where all is."""
+    there = values[np.isfinite(values)]
+    return float(np.median(there)) if there.size else math.nan
