@@ -22,7 +22,7 @@ from exposight.cell import (
     write_features,
     write_sensor,
 )
-from exposight.geometry import RigidTransform
+from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.observing import read_observations
 from exposight.plans import PLANS
 from exposight.twin.part import Scene, door, export_scene, read_scene
@@ -257,6 +257,32 @@ def test_plans_are_listed(run, run_json):
     assert plans["x-out"]["views"] == 14
 
 
+@pytest.mark.slow
+def test_a_sensor_is_checked(run, run_json, plan, tmp_path):
+    camera = PinholeCamera(width=160, height=120, fx=280.0, fy=280.0, cx=79.5, cy=59.5)
+    preset = sensor_preset("comet-pro-ae")
+    sensor = replace(
+        preset, name="mine", cameras=(camera,), simulated={"camera": {"bit_depth": 12}}
+    )
+    write_sensor(tmp_path / "mine.json", sensor)
+    page = tmp_path / "page.html"
+    words = ("simulate", plan, "--check", "--sensor", tmp_path / "mine.json", "-o", page)
+    told = run_json(*words)
+    assert told["agrees"] is True
+    assert told["verdict"] in page.read_text(encoding="utf-8")
+    gain = next(each for each in told["figures"] if each["figure"] == "system_gain_dn_per_e")
+    assert gain["measured"] == pytest.approx(gain["expected"], rel=0.002)
+    assert set(gain) == {
+        *("figure", "label", "unit", "measured", "expected", "deviation", "tolerance", "agrees")
+    }
+    assert [plate["distance_mm"] for plate in told["plates"]] == [400, 600, 800]
+    assert {"exposure_ms", "i_avg", "p_norm"} == set(told["ring"][0])
+    assert told["files"][0] == {"kind": "page", "path": str(page), "replaced": False}
+    shown = run(*words).stdout
+    assert "system gain K" in shown
+    assert f"replaced the page: {page}" in shown
+
+
 # -- what cannot be -----------------------------------------------------------------------------
 
 
@@ -319,6 +345,7 @@ def test_a_table_that_cannot_be_written_is_told_at_once(name, message, plan, run
         (["x", "--workers", "0"], "workers"),
         (["x", "--observe", "--no-clouds"], "keeps no clouds"),
         (["x", "--observe", "--raw-frames"], "keeps neither clouds nor frames"),
+        (["x", "--check", "--observe"], "--check takes no captures"),
     ],
 )
 def test_a_wrong_call_ends_with_status_two(arguments, told, run):

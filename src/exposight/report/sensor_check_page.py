@@ -52,9 +52,10 @@ def write_sensor_check(check: SensorCheck, path: str | Path) -> None:
 def sensor_check_page(check: SensorCheck) -> str:
     """Return the page; the same check, the same page."""
     rows = {figure.name: _row(figure) for figure in check.figures}
+    deviating = [figure.name for figure in check.deviating]
     rises, falls = check.ring.crossings(GOOD_P_NORM)
     camera, lens = check.electronics, check.sensor.camera
-    exposure = check.sensor.exposure
+    times = f"{check.sensor.exposure.min_ms:g} to {check.sensor.exposure.max_ms:g} ms"
     return render_page(
         "sensor_check.html",
         title=f"Check of the simulated {check.sensor.name}",
@@ -63,16 +64,19 @@ def sensor_check_page(check: SensorCheck) -> str:
         check=check,
         rows=rows,
         camera_rows=[row for name, row in rows.items() if not name.startswith(("depth", "matt"))],
+        plate_agrees=[
+            not any(name.endswith(f"_at_{plate.distance_mm:.0f}_mm") for name in deviating)
+            for plate in check.plates
+        ],
         rises=rises,
         falls=falls,
         plateau=check.ring.plateau(GOOD_P_NORM),
         good=GOOD_P_NORM,
-        exposure=exposure,
+        times=times,
         transfer=_transfer_still(check),
         linearity=_linearity_still(check),
         quality=_quality_still(check),
         depth=_depth_still(check),
-        nan_to_none=lambda value: None if math.isnan(value) else value,
         facts=(
             ("sensor", preset_name(check.sensor) or check.sensor.name),
             (
@@ -80,7 +84,7 @@ def sensor_check_page(check: SensorCheck) -> str:
                 f"{lens.width} × {lens.height} px, {camera.bit_depth} bits, focal length "
                 f"{lens.fx:.4g} px",
             ),
-            ("exposure times", f"{exposure.min_ms:g} to {exposure.max_ms:g} ms"),
+            ("exposure times", times),
             (
                 "working distance",
                 f"{check.sensor.working_distance_mm[0]:g} to "
@@ -96,7 +100,7 @@ def _row(figure: CheckedFigure) -> _Row:
         deviation, tolerance = "–", "–"
     elif expected:
         percent = 100 / abs(expected)
-        deviation = f"{rounded(percent * figure.deviation, 1, signed=True)} %"
+        deviation = f"{rounded(percent * figure.deviation, 2, signed=True)} %"
         tolerance = f"± {number(percent * figure.tolerance, 2)} %"
     else:
         deviation = f"{'' if figure.deviation < 0 else '+'}{number(figure.deviation, 2)}"

@@ -291,18 +291,22 @@ def _remarks(
         near_mm, far_mm = model.matched_mm
         if (near_mm, far_mm) != sensor.working_distance_mm:
             yield f"Depths are matched from {near_mm:g} to {far_mm:g} mm."
+    if min(plate.covered_share for plate in plates) < _COVERED_SHARE:
+        eyes = "Projector and cameras together cover" if dots else "The projector lights"
+        shares = ", ".join(f"{100 * plate.covered_share:.0f} %" for plate in plates)
+        places = ", ".join(f"{plate.distance_mm:.0f}" for plate in plates)
+        yield f"{eyes} {shares} of the image at {places} mm."
     for plate in plates:
-        at = f"At {plate.distance_mm:.0f} mm"
-        if plate.covered_share < _COVERED_SHARE:
-            eyes = "projector and cameras together cover" if dots else "the projector lights"
-            yield f"{at} {eyes} {plate.covered_share:.0%} of the image."
         if plate.points_share < _POINTS_SHARE * plate.covered_share:
             why = (
                 f": the longest exposure time gives {plate.grey_levels:.0f} grey levels."
                 if plate.exposure_ms == longest
                 else "."
             )
-            yield f"{at} at most {plate.points_share:.0%} of the pixels have a point{why}"
+            yield (
+                f"At {plate.distance_mm:.0f} mm at most {100 * plate.points_share:.0f} % of the "
+                f"pixels have a point{why}"
+            )
     if not ring.p_norm.size:
         yield "The ring about the TCP is not in the image: p_norm was not measured."
     elif not (ring.p_norm >= GOOD_P_NORM).any():

@@ -258,7 +258,7 @@ class PlateBench:
         for exposure_ms in self._exposures_ms(view, _TARGETS):  # from short to long
             pixels = self._pixels(view, exposure_ms, number)
             measured = float(np.isfinite(pixels.depth_mm).mean())
-            if measured > 0.0 and measured >= share - _ALIKE:
+            if measured >= share - _ALIKE:
                 best = exposure_ms, pixels
             share = max(share, measured)
         if best is None:
