@@ -55,7 +55,7 @@ def train_command(
 
     For example:
 
-        exposight train observations.csv -m q_k1 -m e_k6 -o models/
+        exposight train observations.csv -m q_k4 -m e_k6 -o models/
 
     Parameters
     ----------

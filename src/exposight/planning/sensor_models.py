@@ -29,12 +29,12 @@ from exposight.quantities import quantity
 from exposight.tables import Column, Table
 from exposight.workers import Progress, ignore_progress
 
-DEFAULT_MODELS = ("q_k1", "e_k6")
+DEFAULT_MODELS = ("q_k4", "e_k6")
 """What `train` and ``exposight train`` train, and reports forecast with where they are at hand.
 
-Of the paper's models, those that err least on features and views that they never saw: with more
-inputs than brightness the quality models learn what the stripes' phase did to i_avg at each place
-(``docs/the-paper.md``)."""
+The paper's best on features that nobody trained on (Sects. 3.3.6, 3.4.8), and so they are in the
+simulated cell and on the recorded skull (``docs/the-paper.md``, ``make bench NAME=real``).
+"""
 
 _EXPOSURES = 61
 """Exposure times of a forecast, unless they are given."""

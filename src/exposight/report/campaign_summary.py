@@ -203,7 +203,7 @@ def evaluate_models(
 
 BRACKET = 4.0
 """How much shorter and longer than the shown one the other two exposure times are."""
-QUALITY_MODEL, EXPOSURE_MODEL = "q_k4", "e_k6"
+QUALITY_MODEL, EXPOSURE_MODEL = DEFAULT_MODELS
 """The paper's best models of each kind (Tables 2 and 3): the demonstration forecasts with them, and
 their predictions are shown first."""
 _POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "r_deg")
