@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX, ActiveSensor, Capture, Cloud, Image, Part, full_scale
 from exposight.errors import ImageError, SensorError
