@@ -90,10 +90,24 @@ def test_what_a_sensor_cannot_do_is_remarked():
     dark = replace(
         small_sensor(**ODD), exposure=ExposureRange(min_ms=0.1, max_ms=0.2, increment_ms=0.1)
     )
-    remarks = " ".join(check_sensor(dark).remarks)
+    check = check_sensor(dark)
+    assert check.verdict.endswith("It measures no primer at the TCP.")
+    remarks = " ".join(check.remarks)
     assert "matt white at the TCP does not clip: it has at most 1 grey levels" in remarks
     assert "p_norm never reaches 0.75" in remarks
     assert "At 400 mm at most 0 % of the pixels have a point: the longest exposure time" in remarks
+
+
+def test_long_exposure_times_and_a_limit_of_the_noise_are_remarked():
+    slow = ExposureRange(min_ms=100.0, max_ms=200.0, increment_ms=1.0)
+    limited = small_sensor(**ODD, max_depth_noise_mm=0.01)
+    check = check_sensor(replace(limited, exposure=slow))
+    assert not check.deviating  # the dark current of 100 ms is in black level and dark noise
+    remarks = " ".join(check.remarks)
+    assert (
+        "With exposure times of 100 to 200 ms, matt white at the TCP is always clipped." in remarks
+    )
+    assert "a depth noise of " in " ".join(check_sensor(limited).remarks)
 
 
 def test_a_plans_table_goes_over_the_sensors():

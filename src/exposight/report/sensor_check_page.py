@@ -58,7 +58,7 @@ def sensor_check_page(check: SensorCheck) -> str:
     times = f"{check.sensor.exposure.min_ms:g} to {check.sensor.exposure.max_ms:g} ms"
     return render_page(
         "sensor_check.html",
-        title=f"Check of the simulated {check.sensor.name}",
+        title=f"{check.sensor.name}: check of the simulated sensor",
         lead="The simulated cell measures its own sensor as EMVA 1288 measures a camera, and on "
         "plates whose place is known. Beside each figure stands what the sensor’s table says.",
         check=check,
@@ -68,6 +68,7 @@ def sensor_check_page(check: SensorCheck) -> str:
             not any(name.endswith(f"_at_{plate.distance_mm:.0f}_mm") for name in deviating)
             for plate in check.plates
         ],
+        good_range=_good_range(rises, falls),
         rises=rises,
         falls=falls,
         plateau=check.ring.plateau(GOOD_P_NORM),
@@ -91,6 +92,16 @@ def sensor_check_page(check: SensorCheck) -> str:
                 f"{check.sensor.working_distance_mm[1]:g} mm",
             ),
         ),
+    )
+
+
+def _good_range(rises: float, falls: float) -> str:
+    if math.isnan(falls):
+        return "–" if math.isnan(rises) else f"from {number(rises, 3)}"
+    return (
+        f"to {number(falls, 3)}"
+        if math.isnan(rises)
+        else f"{number(rises, 3)} to {number(falls, 3)}"
     )
 
 

@@ -15,7 +15,7 @@ from exposight.twin import sensors
 from exposight.twin.cell_settings import SimulatedCellSettings
 from exposight.twin.matt_white import MattWhiteBrightness, measure_matt_white
 from exposight.twin.plates import PlateBench, PlateDepth, RingBrightness
-from exposight.twin.sensors.flat_fields import dark_noise_dn, dynamic_range_db
+from exposight.twin.sensors.flat_fields import dynamic_range_db, quantised_noise_dn
 from exposight.twin.simulated_cell import sensor_model
 from exposight.workers import Progress, ignore_progress
 
@@ -97,18 +97,27 @@ class SensorCheck:
         return tuple(figure for figure in self.figures if figure.agrees is False)
 
     @property
+    def measures_primer(self) -> bool:
+        """Whether the plate at the TCP has points on half of what is covered, or more."""
+        plate = self.plates[1]
+        return plate.points_share >= 0.5 * plate.covered_share > 0.0
+
+    @property
     def verdict(self) -> str:
-        """Whether the sensor does what its table says, in a sentence."""
+        """Whether the sensor does what its table says, in words."""
         judged = sum(figure.agrees is not None for figure in self.figures)
+        blind = "" if self.measures_primer else " It measures no primer at the TCP."
         if not self.deviating:
-            return f"The simulated sensor does what its table says: all {judged} figures agree."
+            return (
+                f"The simulated sensor does what its table says: all {judged} figures agree.{blind}"
+            )
         told = "; ".join(
             f"{figure.label} {figure.measured:.4g} in place of {figure.expected:.4g} {figure.unit}"
             for figure in self.deviating
         )
         return (
             f"The simulated sensor deviates from its table in {len(self.deviating)} of {judged} "
-            f"figures: {told}."
+            f"figures: {told}.{blind}"
         )
 
 
@@ -162,7 +171,7 @@ def check_sensor(
         plates=plates,
         ring=ring,
         figures=(
-            *_camera_figures(flats, model.electronics),
+            *_camera_figures(flats, model.electronics, sensor.exposure.min_ms),
             *_light_figures(white),
             *(figure for plate in plates for figure in _depth_figures(plate)),
         ),
@@ -171,25 +180,29 @@ def check_sensor(
 
 
 def _camera_figures(
-    flats: sensors.FlatFields, table: sensors.CameraElectronics
+    flats: sensors.FlatFields, table: sensors.CameraElectronics, shortest_ms: float
 ) -> Iterator[CheckedFigure]:
     """Compare the camera with its table; tolerances are what 1024² pixels and whole DN leave."""
     per_e = table.gain
     full_e = table.full_well_e
     level = GREY_MAX / full_scale(table.bit_depth)
-    dark_e = table.read_noise_e
+    # Dark images are taken at the shortest exposure time, in which some dark current flows.
+    dark_signal_e = table.dark_current_e_per_s * shortest_ms / 1000
+    dark_e = math.sqrt(table.read_noise_e**2 + dark_signal_e)
+    black = table.black_level + per_e * dark_signal_e * level
     # The photon transfer's intercept is as good as its darkest point and quantisation are.
     blur_e2 = 0.0 if flats.is_dark_resolved else (0.01 + 0.005 * flats.variance[0]) / per_e**2
     dark_tolerance = 0.03 * dark_e + math.sqrt(dark_e**2 + blur_e2) - dark_e
     # Pixels brighter than the mean clip before it: the variance is largest a little lower.
     spread = 3.0 * math.sqrt(1.0 / full_e + table.prnu**2) + 0.015
-    total_e = dark_noise_dn(table) / per_e
+    total_dn = quantised_noise_dn(table, dark_e)
+    total_e = total_dn / per_e
     rows = (
-        ("black_level", "black level", "grey levels", flats.black_level, table.black_level,
+        ("black_level", "black level", "grey levels", flats.black_level, black,
          0.5 * level + 0.05),
         ("dark_noise_e", "temporal dark noise", "e⁻", flats.dark_noise_e, dark_e, dark_tolerance),
         ("dark_noise_dn", "temporal dark noise, quantised", "DN", flats.dark_noise_dn,
-         dark_noise_dn(table), per_e * dark_tolerance + 0.01),
+         total_dn, per_e * dark_tolerance + 0.01),
         ("dark_current_e_per_s", "dark current", "e⁻/s", flats.dark_current_e_per_s,
          table.dark_current_e_per_s, 0.1 * table.dark_current_e_per_s),
         ("system_gain_dn_per_e", "system gain K", "DN/e⁻", flats.gain_dn_per_e, per_e,
@@ -298,11 +311,16 @@ def _remarks(
         yield f"{eyes} {shares} of the image at {places} mm."
     for plate in plates:
         if plate.points_share < _POINTS_SHARE * plate.covered_share:
-            why = (
-                f": the longest exposure time gives {plate.grey_levels:.0f} grey levels."
-                if plate.exposure_ms == longest
-                else "."
-            )
+            why = "."
+            limit_mm = getattr(model, "max_depth_noise_mm", None)
+            if limit_mm is not None and plate.predicted_noise_mm > limit_mm:
+                why = (
+                    f": a depth noise of {plate.predicted_noise_mm:.2g} mm is predicted, "
+                    f"max_depth_noise_mm is {limit_mm:g}."
+                )
+            elif plate.exposure_ms in (shortest, longest):
+                which = "longest" if plate.exposure_ms == longest else "shortest"
+                why = f": the {which} exposure time gives {plate.grey_levels:.0f} grey levels."
             yield (
                 f"At {plate.distance_mm:.0f} mm at most {100 * plate.points_share:.0f} % of the "
                 f"pixels have a point{why}"

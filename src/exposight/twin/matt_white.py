@@ -30,7 +30,7 @@ class MattWhiteBrightness:
     Parameters
     ----------
     grey_levels_per_ms : float, grey levels 0–255 per ms
-        Above the black level.
+        Above the black level; NaN where the shortest exposure time clips it.
     expected_per_ms : float, grey levels 0–255 per ms
         What sensitivity, lenses and poses stand for, on paper.
     clips_at_ms : float, ms
@@ -67,10 +67,11 @@ def measure_matt_white(
     white = _WhitePlate(model)
     quarter_full_ms = camera.full_well_e / 4 / electrons_per_ms
     exposure_ms = float(np.clip(quarter_full_ms, exposure.min_ms, exposure.max_ms))
-    mean, _ = white.image(exposure_ms)
+    mean, clipped = white.image(exposure_ms)
+    per_ms = (mean - camera.black) / exposure_ms if clipped < _CLIPPED_SHARE else math.nan
     shown = GREY_MAX / full_scale(camera.bit_depth)
     return MattWhiteBrightness(
-        grey_levels_per_ms=(mean - camera.black) / exposure_ms * shown,
+        grey_levels_per_ms=per_ms * shown,
         expected_per_ms=electrons_per_ms * camera.gain * shown,
         clips_at_ms=white.clips_at_ms(),
     )

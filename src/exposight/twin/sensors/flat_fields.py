@@ -118,9 +118,17 @@ def dynamic_range_db(saturation_e: float, dark_noise_e: float) -> float:
     return 20.0 * math.log10(saturation_e / (math.sqrt(dark_noise_e**2 + 0.25) + 0.5))
 
 
-def dark_noise_dn(electronics: CameraElectronics) -> float:
-    """Return the temporal dark noise in DN, quantisation included, that a table stands for."""
-    return math.sqrt((electronics.gain * electronics.read_noise_e) ** 2 + _QUANTISATION)
+def quantised_noise_dn(electronics: CameraElectronics, noise_e: float) -> float:
+    """Return a temporal noise in DN, quantisation included.
+
+    Parameters
+    ----------
+    electronics : CameraElectronics
+        The camera.
+    noise_e : float, e⁻
+        Without quantisation.
+    """
+    return math.hypot(electronics.gain * noise_e, math.sqrt(_QUANTISATION))
 
 
 def take_flat_fields(
