@@ -119,6 +119,7 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
         fact("exposures_ms", [low, high, step], f"{low:g} to {high:g} in steps of {step:g}"),
         fact("working_distance_mm", list(sensor.working_distance_mm)),
         fact("tcp_mm", sensor.camera_from_tcp.translation_mm.tolist()),
+        *(fact(f"simulated_{name}", value) for name, value in sensor.simulated.items()),
     )
 
 
