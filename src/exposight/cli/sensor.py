@@ -119,8 +119,16 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
         fact("exposures_ms", [low, high, step], f"{low:g} to {high:g} in steps of {step:g}"),
         fact("working_distance_mm", list(sensor.working_distance_mm)),
         fact("tcp_mm", sensor.camera_from_tcp.translation_mm.tolist()),
-        *(fact(f"simulated_{name}", value) for name, value in sensor.simulated.items()),
+        *(
+            fact(f"simulated_{name}", value, _spelled(value))
+            for name, value in sensor.simulated.items()
+        ),
     )
+
+
+def _spelled(value: object) -> str | None:
+    """Return a table in words; None for anything else."""
+    return ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else None
 
 
 def camera_facts(name: str, camera: geometry.PinholeCamera) -> tuple[Fact, ...]:
