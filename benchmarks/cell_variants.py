@@ -3,8 +3,8 @@
 Run with ``make bench NAME=cell_variants``; some five minutes on two cores. The structured-light
 campaigns of the quick study are measured with the cell as it is, with brightness averaged in the
 first of the finest stripe images instead of their mean, and with two limits on depth noise: 0.5 mm,
-at which a ring at the TCP needs the modulation that it has at 25 grey levels, where the paper's
-Fig. 10 ends its rise, and half of that. Nothing is chosen by what comes out: the study's cell keeps
+near what is predicted for a ring of 25 grey levels at the TCP (0.43 mm), where the paper's Fig. 10
+ends its rise, and half of that. Nothing is chosen by what comes out: the study's cell keeps
 its settings. The paper's own scores stand in the last rows.
 """
 
