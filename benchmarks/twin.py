@@ -47,6 +47,19 @@ def fewer_views(plan: MeasuringPlan, columns: slice, rows: slice) -> MeasuringPl
     return replace(plan, planes=tuple(planes))
 
 
+def with_longer_exposures(plan: MeasuringPlan) -> MeasuringPlan:
+    """Return a plan with 2 and 2.8 times the longest exposure time of each plane added.
+
+    Primer sends less light to the sensor than bare sheet: the plan's own times leave it below 160
+    grey levels everywhere.
+    """
+    planes = (
+        replace(p, exposures_ms=(*p.exposures_ms, *(n * max(p.exposures_ms) for n in (2.0, 2.8))))
+        for p in plan.planes
+    )
+    return replace(plan, planes=tuple(planes))
+
+
 def warm_up(plan: MeasuringPlan) -> None:
     """Let workers compile what is not compiled yet, on two views at one exposure time."""
     say("building the door and compiling, where this was not done yet")
@@ -63,7 +76,7 @@ def rings(plan: MeasuringPlan) -> tuple[ObservationTable, list[Figure]]:
     cell = SimulatedCell.for_plan(plan, rings_only=True)
     table = measure_observations(plan, cell, workers=_WORKERS)
     took_s = time.perf_counter() - start
-    return table, [at_most("campaign_rings_s", took_s, 180, "s")]
+    return table, [at_most("campaign_rings_s", took_s, 30, "s")]
 
 
 def whole_frames(plan: MeasuringPlan, folder: Path) -> list[Figure]:
@@ -231,8 +244,9 @@ def main() -> None:
         say("the same 48 views of the door with its inside in primer, rings only")
         scene = primed(door())
         export_scene(folder / "primed", scene, plan.sensor)
-        cell = SimulatedCell.for_plan(plan, rings_only=True, scene=folder / "primed")
-        primer = measure_observations(plan, cell, workers=_WORKERS)
+        longer = with_longer_exposures(plan)
+        cell = SimulatedCell.for_plan(longer, rings_only=True, scene=folder / "primed")
+        primer = measure_observations(longer, cell, workers=_WORKERS)
         tracer = SceneTracer(scene)
         measured = [
             *depth(plan, scene.part, tracer),
