@@ -35,7 +35,7 @@ _VIEW, _FEATURE = "middle-x4-y3", "f3"
 _MIDDLE_OF_TILE = (-15.0, 0.0, 0.0)  # mm beside the feature: a bead comes into the tile, too
 _TILE_PX = (200, 300)
 _GOOD_GREY = 60.0  # of the ring, in the middle column
-_FACTORS = (0.32, 1.0, 2.3)
+_FACTORS = (0.14, 1.0, 2.7)
 _RING = "#f0c000"
 _CLIPPED, _MISSING, _OPACITY = ACCENT_2, ACCENT, 0.8
 
@@ -90,7 +90,8 @@ class _Station:
         """Expose darkly, well and brightly for this finish."""
         sensor = self.sensor.sensor
         trial = self.expose(10.0)
-        good_ms = trial.exposure_ms * _GOOD_GREY / trial.i_avg
+        black = self.sensor.electronics.black_level
+        good_ms = trial.exposure_ms * (_GOOD_GREY - black) / (trial.i_avg - black)
         return [self.expose(sensor.nearest_exposure(good_ms * factor)) for factor in _FACTORS]
 
 
