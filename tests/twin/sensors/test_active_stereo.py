@@ -110,6 +110,14 @@ def test_lenses_with_distortion_and_turned_cameras_measure_the_same_plate(sensor
     assert abs(np.nanmedian(error)) < DEPTH_BIAS_MM
 
 
+def test_the_sensitivity_follows_the_rule(dot_sensor, plate, before):
+    """Bare sheet at the TCP, turned by w = 5°, p = −0.5°, has 126 grey levels at 9 ms."""
+    bare = SceneTracer(plate("bare", half_mm=(250.0, 200.0), step_mm=10.0))
+    light = dot_sensor.look(bare, before(500.0, 5.0, -0.5))
+    image = dot_sensor.images(light, 9.0, SEED)[0]
+    assert image[50:110, 270:330].mean() == pytest.approx(126.0, abs=3.0)
+
+
 def test_a_dark_image_has_no_points(dot_sensor, light):
     assert dot_sensor.capture(light, 0.1, view="v", seed=SEED).cloud.n_valid == 0
 
