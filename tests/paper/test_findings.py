@@ -137,16 +137,16 @@ def test_every_statement_has_a_figure_that_can_be_computed(entry: MeasuredStatem
 
 
 def test_explanations_are_for_the_simulated_cell_alone(judged: Judged) -> None:
-    rows = [row("q_k1", "X1_test", 10.0), row("q_k4", "X4_test", 10.0)]
-    name = "brightness-alone-insufficient-for-quality"
-    assert judged(name, rows, simulated=False).explanation == ""
-    assert judged(name, rows, simulated=True).explanation != ""
+    rows = [row("e_k6_plus", "eX6_test_i", 9.0), row("e_k6_plusplus", "eX6_test_i", 10.0)]
+    assert judged("finer-grid-helps", rows, simulated=False).explanation == ""
+    assert judged("finer-grid-helps", rows, simulated=True).explanation != ""
 
 
 def test_no_explanation_where_a_statement_holds(judged: Judged) -> None:
-    rows = [row("q_k1", "X1_test", 20.0), row("q_k4", "X4_test", 10.0)]
-    name = "brightness-alone-insufficient-for-quality"
-    assert judged(name, rows, simulated=True).explanation == ""
+    rows = [row("e_k6_plus", "eX6_test_i", 20.0), row("e_k6_plusplus", "eX6_test_i", 10.0)]
+    finding = judged("finer-grid-helps", rows, simulated=True)
+    assert finding.holds
+    assert finding.explanation == ""
 
 
 def test_names_are_unique() -> None:
