@@ -136,6 +136,22 @@ def test_the_scenes_sensor_measures_unless_another_is_given(plan, scene, run, ru
     assert "simulated: key 'camera.iso' is unknown" in ended.stderr
 
 
+def test_an_exported_scene_has_what_the_plan_says_of_part_and_sensor(
+    plan, scene, run_json, tmp_path
+):
+    own = tmp_path / "own.toml"
+    own.write_text(
+        plan.read_text(encoding="utf-8").replace("version = 1", "version = 2")
+        + '[simulated]\nfinish = "paint"\nsensor = { fringes = [1, 5] }\n',
+        encoding="utf-8",
+    )
+    folder = tmp_path / "exported"
+    run_json("simulate", own, "--scene", scene, "--export-scene", folder)
+    exported = read_scene(folder)
+    assert {list(exported.surfaces)[i] for i in exported.face_finish} == {"paint"}
+    assert read_sensor(folder / "sensor.json").simulated == {"fringes": [1, 5]}
+
+
 def test_info_says_what_is_simulated(simulated, scene, run_json):
     folder, _ = simulated
     campaign = run_json("info", folder)

@@ -78,3 +78,9 @@ def test_a_matrix_is_read_from_a_file(tmp_path):
         read_pose(path)
     with pytest.raises(MissingFileError):
         read_pose(tmp_path / "none.txt")
+
+
+@pytest.mark.parametrize("notation", ["ur", "rotation_vector"])
+def test_a_rotation_vector_in_degrees_is_refused(notation):
+    with pytest.raises(PoseError, match="length 36 turns by more than 2π; it is in radians"):
+        pose_from_numbers(notation, [0.0, 0.0, 0.5, 0.0, 36.0, 0.0])

@@ -125,6 +125,15 @@ def test_settings_survive_in_a_plans_file(sheet_plan):
     assert SimulatedCellSettings.of_plan(replace(plan, simulated={})) == SimulatedCellSettings()
 
 
+def test_a_share_of_no_view_is_noticed(sheet_plan, cell, caplog):
+    cell(sheet_plan, kinematic_share={"midle": 1.0})
+    assert "kinematic_share names 'midle'" in caplog.text
+    assert "did you mean 'middle'" in caplog.text
+    caplog.clear()
+    cell(sheet_plan, kinematic_share={"middle": 1.0})
+    assert not caplog.text
+
+
 def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
     (tmp_path / "mine.toml").write_text(sequence_to_toml(sequence_named_or_read("board")))
     plan = replace(sheet_plan, simulated={"sequence": "mine.toml", "scene": "part"})
@@ -149,7 +158,15 @@ def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
         ({"sensor": {"camera": {"gain": 2}}}, r"simulated: key 'camera\.gain' is unknown"),
         ({"sensor": {"limits": {"min_modulation": 300}}}, "at most 255"),
         ({"sensor": {"max_depth_noise_mm": 0}}, "max_depth_noise_mm must be above 0 mm, got 0"),
-        ({"sensor": {"dots": {"cell_px": 1}}}, "2·radius_px ≤ cell_px"),
+        (
+            {"sensor": {"dots": {"cell_px": 8}}},
+            "has one camera and decodes patterns; leave out dots",
+        ),
+        ({"sensor": {"camera": {"prnu": 5}}}, "a PRNU below 0.5"),
+        (
+            {"sensor": {"fringes": [1, 8, 1000]}},
+            "1920 px along the columns cannot show 1000 periods",
+        ),
         ({"sensor": {"matt_white": {"grey_levels": 300, "exposure_ms": 5}}}, "up to 255"),
         (
             {

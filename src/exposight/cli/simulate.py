@@ -14,6 +14,7 @@ from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, SimulatedCellSettings, scene_at
 from exposight.twin.part import export_scene, exported_files, scene_sensor
+from exposight.twin.sensors import with_table
 
 
 def simulate_command(
@@ -95,14 +96,16 @@ def simulate_command(
         whose = "the scene's" if sensor is None else "that of --sensor"
         notes = (f"the sensor is {whose}, {given_sensor.name}, not the plan's",)
         chosen = replace(chosen, sensor=given_sensor)
+    folder = None if plan in PLANS else Path(plan).parent
     if export_scene_to is not None:
         if rings_only or raw_frames or options != DEFAULTS:
             msg = "--export-scene simulates nothing: leave out everything but --scene"
             raise UsageError(msg)
-        return _export(chosen, scene, export_scene_to)
+        settings = SimulatedCellSettings.of_plan(chosen, folder)
+        settings = replace(settings, scene=scene or settings.scene)
+        return _export(chosen, settings, export_scene_to)
     given = {"rings_only": rings_only, "raw_frames": raw_frames, "scene": scene}
     changes: dict[str, Any] = {name: value for name, value in given.items() if value}
-    folder = None if plan in PLANS else Path(plan).parent
     result = carry_out(
         chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder, **changes), options
     )
@@ -126,11 +129,12 @@ def _check(plan: str | None, sensor: ActiveSensor | None, output: Path) -> Resul
     return check_and_write(sensor or chosen.sensor, cell, output)
 
 
-def _export(plan: MeasuringPlan, scene: Path | None, folder: Path) -> Result:
-    exported = scene_at(scene)
+def _export(plan: MeasuringPlan, settings: SimulatedCellSettings, folder: Path) -> Result:
+    exported = scene_at(settings.scene, settings.finishes)
+    sensor = with_table(plan.sensor, settings.sensor)
     names = exported_files(exported)
     files = tuple(Written.at(folder / name, kind) for kind, name in names.items())
-    export_scene(folder, exported, plan.sensor)
+    export_scene(folder, exported, sensor)
     facts = (
         fact("triangles", len(exported.faces)),
         fact("features", len(exported.part.features)),

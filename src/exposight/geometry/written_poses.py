@@ -1,5 +1,6 @@
 """Poses as robots and text files write them."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,18 @@ class _Reader:
     read: Callable[[list[float]], RigidTransform]
 
 
+def _radians(vector: list[float]) -> list[float]:
+    """Return a rotation vector that turns by one full turn at most."""
+    turn = math.hypot(*vector)
+    if turn > 2.0 * math.pi + 1e-6:
+        msg = (
+            f"a rotation vector of length {turn:g} turns by more than 2π; it is in radians: "
+            "multiply degrees by π/180"
+        )
+        raise PoseError(msg)
+    return vector
+
+
 def _reader(columns: str, read: Callable[[list[float]], RigidTransform]) -> _Reader:
     return _Reader(tuple(columns.split()), read)
 
@@ -43,7 +56,7 @@ _READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
         ),
         "ur": _reader(
             "x_m y_m z_m rx_rad ry_rad rz_rad",
-            lambda n: RigidTransform.from_ur_rotation_vector(n[:3], n[3:]),
+            lambda n: RigidTransform.from_ur_rotation_vector(n[:3], _radians(n[3:])),
         ),
         "quaternion_wxyz": _reader(
             "x_mm y_mm z_mm qw qx qy qz",
@@ -55,7 +68,7 @@ _READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
         ),
         "rotation_vector": _reader(
             "x_mm y_mm z_mm rx_rad ry_rad rz_rad",
-            lambda n: RigidTransform.from_rotation_vector(n[:3], n[3:]),
+            lambda n: RigidTransform.from_rotation_vector(n[:3], _radians(n[3:])),
         ),
         "matrix": _reader(
             "r11 r12 r13 x_mm r21 r22 r23 y_mm r31 r32 r33 z_mm",

@@ -7,6 +7,7 @@ whatever else is captured, by whichever process.
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -16,13 +17,15 @@ from typing import Any
 import numpy as np
 
 from exposight.cell import ActiveSensor, Capture, Part
-from exposight.errors import InputError
+from exposight.errors import InputError, did_you_mean
 from exposight.geometry import RigidTransform
 from exposight.plans import MeasuringPlan, PlannedView, view_seed
 from exposight.twin import sensors
 from exposight.twin.cell_settings import Alignment, SimulatedCellSettings, draw_alignment
 from exposight.twin.light import LightModel, SceneTracer
 from exposight.twin.part import Finishes, Scene, door, read_scene
+
+logger = logging.getLogger(__name__)
 
 _ROUNDING = 1e-9
 """How far a planned pose may be from the one commanded, mm: it went from one frame to another."""
@@ -107,6 +110,15 @@ class SimulatedCell:
         settings = replace(SimulatedCellSettings.of_plan(plan, folder), **changes)
         cell = cls(plan.sensor, settings, seed=plan.seed, features=plan.features)
         cell._planned = _by_name(plan.views(cell.part))
+        names = {group.name for group in plan.groups} | cell._planned.keys()
+        for name in settings.kinematic_share.keys() - names:
+            logger.warning(
+                "simulated cell: kinematic_share names %r, which is neither a view nor a group of "
+                "plan %r%s: it aligns nothing",
+                name,
+                plan.name,
+                did_you_mean(name, names),
+            )
         return cell
 
     @property

@@ -457,3 +457,11 @@ def test_a_folder_that_cannot_be_made_is_named(box, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(FileError, match="cannot be used for a scene"):
         export_scene(tmp_path / "file" / "scene", box, COMET)
+
+
+def test_a_mesh_that_was_cut_short_is_said_to_be_damaged(tmp_path):
+    whole = trimesh.creation.box(extents=(10, 10, 2)).export(file_type="stl")
+    path = tmp_path / "cut.stl"
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DamagedFileError, match=r"cut\.stl cannot be read as a STL mesh"):
+        read_mesh(path)

@@ -20,6 +20,7 @@ from exposight.imaging import (
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
 from exposight.twin.sensors import StripeSensor, ring_boxes
+from exposight.twin.sensors.patterns import image_frames
 
 HOLES = ((-25.0, -12.0, 4.0), (15.0, 10.0, 7.0))
 SEED = (1, 2, 3)
@@ -153,6 +154,16 @@ def test_the_image_is_the_mean_of_the_finest_stripes_or_the_first_of_them(stripe
     assert np.array_equal(mean, np.floor(stack.frames[8:12].mean(axis=0) + 0.5))
     first = replace(stripes, image="first").capture(light, 60.0, view="v", seed=SEED)
     assert np.array_equal(first.image, stack.frames[8])
+
+
+def test_without_inverse_frames_a_gray_codes_image_is_the_mean_of_white_and_black(stripes):
+    bits = GrayCode(frames=tuple(range(2, 13)))
+    sequence = replace(
+        stripes.sequence, columns=AxisCoding(gray_code=bits), white_frame=0, black_frame=1
+    )
+    assert image_frames(sequence) == (0, 1)
+    inverses = replace(bits, inverse_frames=tuple(range(13, 24)))
+    assert image_frames(replace(sequence, columns=AxisCoding(gray_code=inverses))) == (12, 23)
 
 
 def test_the_sensitivity_follows_the_rule(small_sensor, plate, before) -> None:

@@ -98,7 +98,9 @@ def read_mesh(path: Path, unit: str | None = None) -> Mesh:
     try:
         mesh = join_meshes(_bodies(data, suffix[1:]))
     except Exception as error:  # trimesh raises whatever its parser meets
-        msg = f"{path} cannot be read as a {suffix[1:].upper()} mesh ({error}); export it again"
+        # A file that is no binary STL is tried as text, for whose encoding a module may be missing.
+        why = "damaged or cut short" if isinstance(error, ModuleNotFoundError) else error
+        msg = f"{path} cannot be read as a {suffix[1:].upper()} mesh ({why}); export it again"
         raise errors.DamagedFileError(msg) from error
     if not len(mesh.faces):
         msg = f"{path} holds no triangles; expected a triangle mesh"

@@ -10,5 +10,6 @@ from exposight.twin.sensors.settings import (
     matt_white_radiance,
     sensor_settings,
     sequence_of,
+    with_table,
 )
 from exposight.twin.sensors.structured_light import StripeSensor, ring_boxes

@@ -86,11 +86,12 @@ class CameraElectronics:
             all(0 < value < math.inf for value in positive)
             and all(0 <= value < math.inf for value in others)
             and 0 <= self.black_level < GREY_MAX / 2
+            and self.prnu < 0.5
         ):
             msg = (
                 "a camera's electronics needs a sensitivity and a full well above 0, noise, PRNU, "
-                "dark current and seed of 0 or more, and a black level from 0 to below 127.5 of "
-                f"255 grey levels, got {self}"
+                "dark current and seed of 0 or more, a PRNU below 0.5, and a black level from 0 to "
+                f"below 127.5 of 255 grey levels, got {self}"
             )
             raise SensorError(msg)
         full_scale(self.bit_depth)  # refuses others

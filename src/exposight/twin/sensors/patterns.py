@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import Projector, sensor_preset
 from exposight.compiled import njit
-from exposight.errors import SensorError
+from exposight.errors import ImageError, SensorError
 from exposight.imaging import AxisCoding, Fringe, PatternSequence
 from exposight.twin.light import TileLight, projector_of
 
@@ -56,6 +56,8 @@ STRIPES = fringe_sequence((1, 8, 64), projector_of(sensor_preset("comet-pro-ae")
 def image_frames(sequence: PatternSequence) -> tuple[int, ...]:
     """Return the frames of the finest pattern: all steps of a fringe, or a bit and its inverse.
 
+    Where a Gray code has no inverse frames they are the white and the black one.
+
     Their mean is what is lit evenly. The paper averages brightness in a stripe pattern and does not
     say which; Table 9's largest brightness at p_norm ≥ 0.75, 125 to 133, is that of their mean
     (in one image of 64 periods it would be 155 to 162).
@@ -63,7 +65,9 @@ def image_frames(sequence: PatternSequence) -> tuple[int, ...]:
     _, coding, _ = sequence.axes()[0]
     if coding.fringes or coding.gray_code is None:
         return coding.fringes[-1].frames
-    return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
+    if coding.gray_code.inverse_frames:
+        return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
+    return tuple(f for f in (sequence.white_frame, sequence.black_frame) if f is not None)
 
 
 def projected(sequence: PatternSequence, contrast: float) -> Patterns:
@@ -82,6 +86,12 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
     n_planes = 0
     for axis, coding, size in sequence.axes():
         for fringe in coding.fringes:
+            if 2 * fringe.periods > size:
+                msg = (
+                    f"a projector of {size} px along the {axis} cannot show {fringe.periods:g} "
+                    "periods: a period needs two px or more"
+                )
+                raise ImageError(msg)
             shift = np.radians(fringe.shifts_deg)
             planes[list(fringe.frames)] = n_planes
             weights[list(fringe.frames)] = np.stack([np.cos(shift), np.sin(shift)], axis=-1)

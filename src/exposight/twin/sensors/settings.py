@@ -49,6 +49,10 @@ DOT_DEPTHS_MM = (200.0, 1000.0)
 plane at 1.00 m."""
 
 
+_OF_ONE_CAMERA = {"sequence", "fringes", "steps", "image", "limits", "max_depth_noise_mm"}
+_OF_TWO_CAMERAS = {"dots", "matching", "depth_limits_mm"}
+
+
 @dataclass(frozen=True, kw_only=True)
 class MattWhite:
     """The sensitivity as a user can measure it: on matt white at the TCP, facing the camera.
@@ -206,12 +210,13 @@ def sensor_settings(sensor: ActiveSensor, table: Mapping[str, Any]) -> SensorSet
         if both:
             msg = f"{source}: {one} and {other} exclude each other; give one of them"
             raise SensorError(msg)
-    patterns = given.keys() & {"sequence", "fringes", "steps", "image", "max_depth_noise_mm"}
-    if len(sensor.cameras) > 1 and patterns:
-        msg = (
-            f"{source}: it has {len(sensor.cameras)} cameras, which match dots; leave out "
-            f"{', '.join(sorted(patterns))}"
+    stereo = len(sensor.cameras) > 1
+    foreign = given.keys() & (_OF_ONE_CAMERA if stereo else _OF_TWO_CAMERAS)
+    if foreign:
+        does = (
+            "has two cameras, which match dots" if stereo else "has one camera and decodes patterns"
         )
+        msg = f"{source}: it {does}; leave out {', '.join(sorted(foreign))}"
         raise SensorError(msg)
     settings = validate(SensorSettings, _merged(asdict(kind_settings(sensor)), given), source)
     if settings.sequence is not None and settings.sequence.bit_depth != settings.camera.bit_depth:
@@ -224,6 +229,11 @@ def sensor_settings(sensor: ActiveSensor, table: Mapping[str, Any]) -> SensorSet
         depth = settings.sequence.bit_depth
         settings = replace(settings, camera=replace(settings.camera, bit_depth=depth))
     return settings
+
+
+def with_table(sensor: ActiveSensor, table: Mapping[str, Any]) -> ActiveSensor:
+    """Return a sensor whose document says what another table says over its own."""
+    return replace(sensor, simulated=_merged(dict(sensor.simulated), table)) if table else sensor
 
 
 def sequence_of(sensor: ActiveSensor, settings: SensorSettings) -> imaging.PatternSequence:
