@@ -169,6 +169,10 @@ def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
         ),
         ({"sensor": {"matt_white": {"grey_levels": 300, "exposure_ms": 5}}}, "up to 255"),
         (
+            {"sensor": {"matt_white": {"grey_levels": 200, "exposure_ms": 5}}},
+            "says 200 grey levels above the black level, but its image clips beyond 129",
+        ),
+        (
             {
                 "sensor": {
                     "matt_white": {"grey_levels": 100, "exposure_ms": 5},

@@ -67,7 +67,7 @@ class MattWhite:
     Raises
     ------
     SensorError
-        If one of them is not above 0, or the image would clip.
+        If one of them is not above 0, or beyond the grey levels.
     """
 
     grey_levels: float
@@ -289,11 +289,21 @@ def electrons_on_matt_white(
     Raises
     ------
     SensorError
-        If the projector lights the plate from behind.
+        If the projector lights the plate from behind, or the image would clip: nobody can have
+        measured it.
     """
     camera, white = settings.camera, settings.matt_white
     if white is None:
         return camera
+    peak = 1.0 + settings.projector.contrast if len(sensor.cameras) == 1 else 1.0
+    unclipped = (GREY_MAX - camera.black_level) / peak
+    if white.grey_levels > unclipped:
+        msg = (
+            f"sensor {sensor.name!r}: matt_white says {white.grey_levels:g} grey levels above the "
+            f"black level, but its image clips beyond {unclipped:.0f}; measure it at a shorter "
+            "exposure time"
+        )
+        raise SensorError(msg)
     radiance = matt_white_radiance(sensor, settings, passed)
     grey = white.grey_levels * full_scale(camera.bit_depth) / GREY_MAX
     electrons = grey / camera.gain - camera.dark_current_e_per_s * white.exposure_ms / 1000.0
