@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from exposight.gp import (
+    Category,
     ChangePoint,
     Exponential,
     Kernel,
@@ -68,8 +69,15 @@ change_points = st.builds(
     maximum=st.floats(0.5, 2.0),
 )
 
+categories = st.builds(
+    Category,
+    variance=positive,
+    dim=st.integers(0, COLUMNS),
+    fixed=st.sampled_from([(), ("variance",)]),
+)
+
 kernels = st.recursive(
-    st.one_of(stationary(), linear(), change_points),
+    st.one_of(stationary(), linear(), change_points, categories),
     lambda children: st.one_of(
         st.tuples(children, children).map(lambda pair: pair[0] * pair[1]),
         st.tuples(children, children).map(lambda pair: pair[0] + pair[1]),
@@ -79,8 +87,9 @@ kernels = st.recursive(
 
 
 def inputs(seed: int, rows: int = 12) -> np.ndarray:
-    """Normal inputs, the last row a copy of the first."""
-    x = np.random.default_rng(seed).normal(size=(rows, COLUMNS))
+    """Normal inputs and a column of categories, the last row a copy of the first."""
+    rng = np.random.default_rng(seed)
+    x = np.column_stack([rng.normal(size=(rows, COLUMNS)), rng.integers(0, 3, size=rows)])
     x[-1] = x[0]
     return x
 

@@ -5,8 +5,10 @@ import pytest
 
 from exposight.errors import InputError, ObservationError
 from exposight.gp import (
+    Category,
     ChangePoint,
     Exponential,
+    GaussianProcess,
     Linear,
     Matern32,
     Matern52,
@@ -43,6 +45,21 @@ def test_closed_forms(kernel, expected):
 def test_linear_weighs_every_column():
     kernel = Linear(variances=(2.0, 0.5), dims=(0, 1))
     assert kernel.value(POINT, np.array([[1.0, -2.0]]))[0, 0] == pytest.approx(2 * 3 - 0.5 * 16)
+
+
+def test_only_rows_of_one_category_vary_together():
+    kernel, codes = Category(variance=2.0, dim=1), np.array([[5.0, 0], [6.0, 1], [7.0, 0]])
+    np.testing.assert_array_equal(kernel.value(codes, codes), [[2, 0, 2], [0, 2, 0], [2, 0, 2]])
+
+
+def test_a_category_shifts_its_observations_and_tells_nothing_of_others():
+    process = GaussianProcess.condition(
+        Category(variance=4.0, dim=0), 0.5, [[0.0], [0.0], [3.0]], [1.0, 2.0, -5.0]
+    )
+    prediction = process.predict([[0.0], [3.0], [7.0]])
+    # the mean of a group's n targets, shrunk by n v / (n v + noise)
+    np.testing.assert_allclose(prediction.mean, [1.5 * 8.0 / 8.5, -5.0 * 4.0 / 4.5, 0.0])
+    np.testing.assert_allclose(prediction.std**2, [4.0 * 0.5 / 8.5, 4.0 * 0.5 / 4.5, 4.0])
 
 
 def test_a_single_length_scale_serves_all_dimensions():
@@ -186,6 +203,19 @@ def test_a_change_point_refuses(limits, message):
         ChangePoint(dim=0, **limits)
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"variance": 0.0}, r"Category\.variance must be positive"),
+        ({"dim": 0.5}, "must be whole numbers"),
+        ({"fixed": ("dim",)}, "with names out of variance"),
+    ],
+)
+def test_a_category_refuses(changed, message):
+    with pytest.raises(InputError, match=message):
+        Category(**{"variance": 1.0, "dim": 0, **changed})
+
+
 @pytest.mark.parametrize("tree", [Product, Sum])
 def test_a_tree_of_one_kernel_is_refused(tree):
     field = "factors" if tree is Product else "terms"
@@ -212,7 +242,7 @@ def test_logarithms_that_do_not_fit_are_refused(vector):
 @pytest.mark.parametrize(
     ("description", "message"),
     [
-        ({"type": "periodic"}, "unknown kernel type 'periodic'; .* knows change_point, expon"),
+        ({"type": "periodic"}, "unknown kernel type 'periodic'; .* knows category, change_point"),
         ({"type": ["linear"]}, "unknown kernel type"),
         ({"variance": 1.0}, "needs the key 'type'"),
         ([], "described by a mapping, got list"),

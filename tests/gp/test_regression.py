@@ -250,6 +250,60 @@ def test_observations_of_the_prior_are_predicted_with_the_right_confidence():
         assert covered == pytest.approx(share, abs=tolerance)
 
 
+# -- several rows together -----------------------------------------------------------------
+
+
+def test_the_joint_covariance_has_the_variances_on_its_diagonal(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    x = np.random.default_rng(4).uniform(-1.3, 1.3, size=(70, 2))
+    for noise in (False, True):
+        single, joint = (
+            predict(x, include_noise=noise)
+            for predict in (process.predict, process.predict_jointly)
+        )
+        np.testing.assert_allclose(joint.mean, single.mean, atol=ROUNDING)
+        np.testing.assert_allclose(np.diag(joint.covariance), single.std**2, atol=ROUNDING)
+        np.testing.assert_array_equal(joint.covariance, joint.covariance.T)
+        assert np.linalg.eigvalsh(joint.covariance).min() > -ROUNDING
+    assert process.predict_jointly(np.empty((0, 2))).covariance.shape == (0, 0)
+
+
+# -- groups left out: the same as conditioning without them ----------------------------------
+
+GROUPS = np.random.default_rng(6).integers(0, 7, size=40)
+
+
+@pytest.mark.parametrize("row_noise", [None, np.random.default_rng(2).uniform(0, 0.3, 40)])
+@pytest.mark.parametrize("groups", [GROUPS, np.arange(40), [f"hole {g}" for g in GROUPS]])
+def test_groups_left_out_are_predicted_as_without_them(observations, groups, row_noise):
+    x, y = observations
+    left_out = GaussianProcess.condition(GATED, 0.04, x, y, row_noise=row_noise).leave_out(groups)
+    noise = np.zeros(40) if row_noise is None else row_noise
+    for group in set(groups):
+        rows = np.asarray(groups) == group
+        without = GaussianProcess.condition(GATED, 0.04, x[~rows], y[~rows], row_noise=noise[~rows])
+        expected = without.predict(x[rows], include_noise=True)
+        np.testing.assert_allclose(left_out.mean[rows], expected.mean, atol=ROUNDING)
+        np.testing.assert_allclose(
+            left_out.std[rows] ** 2, expected.std**2 + noise[rows], rtol=ROUNDING
+        )
+
+
+def test_without_its_only_group_a_process_is_its_prior(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    prior = process.leave_out(np.zeros(40, dtype=int))
+    np.testing.assert_allclose(prior.mean, 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(
+        prior.std**2, GATED.prior_variance(observations[0]) + 0.04, rtol=ROUNDING
+    )
+
+
+def test_every_observation_needs_a_group(observations):
+    process = GaussianProcess.condition(GATED, 0.04, *observations)
+    with pytest.raises(InputError, match=r"a label for each of the 40 .* got shape \(3,\)"):
+        process.leave_out([1, 2, 3])
+
+
 # -- more observations: the same as conditioning afresh ---------------------------------------
 
 NOISE = 0.04

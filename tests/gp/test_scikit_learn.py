@@ -87,6 +87,15 @@ def test_prediction(pair):
     np.testing.assert_allclose(prediction.std, std, atol=AGREEMENT)
 
 
+def test_joint_prediction(pair):
+    process, regressor = pair
+    x = np.random.default_rng(12).normal(size=(25, 3))
+    mean, covariance = regressor.predict(x, return_cov=True)
+    joint = process.predict_jointly(x)
+    np.testing.assert_allclose(joint.mean, mean, atol=AGREEMENT)
+    np.testing.assert_allclose(joint.covariance, covariance, atol=AGREEMENT)
+
+
 @pytest.mark.parametrize("name", [name for name in PAIRS if name != "linear"])
 def test_gradient_of_the_likelihood(name, gradient_of):
     rng = np.random.default_rng(14)

@@ -5,6 +5,7 @@ from exposight.gp.committee import Committee
 from exposight.gp.committee_fitting import CommitteeFitResult, ShardTask, fit_committee
 from exposight.gp.fitting import FitResult, fit
 from exposight.gp.kernels import (
+    Category,
     ChangePoint,
     Exponential,
     Kernel,
@@ -20,4 +21,4 @@ from exposight.gp.kernels import (
     gpy_length_scale,
     kernel_from_dict,
 )
-from exposight.gp.regression import GaussianProcess, Prediction
+from exposight.gp.regression import GaussianProcess, JointPrediction, Prediction

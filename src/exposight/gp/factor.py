@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba.extending import get_cython_function_address
@@ -18,6 +18,9 @@ from exposight.errors import InputError, NotPositiveDefiniteError
 from exposight.gp.kernels import Kernel, Quantity
 from exposight.gp.observations import FloatArray
 from exposight.gp.tiling import fill_tiles, fill_triangle, in_threads, row_blocks, tile
+
+# Variance of the noise of all rows alike, or of each row.
+Noise: TypeAlias = float | FloatArray
 
 # Added to the diagonal, in shares of its mean, one after the other until the factor exists. The
 # last keeps a prediction's standard deviation right to a thousandth of the prior's.
@@ -93,7 +96,7 @@ class Factor:
 
 def factorise(
     kernel: Kernel,
-    noise_variance: float,
+    noise_variance: Noise,
     x: FloatArray,
     *,
     buffer: FloatArray | None = None,
@@ -105,8 +108,8 @@ def factorise(
     ----------
     kernel : Kernel
         Prior covariance.
-    noise_variance : float
-        Positive, in squared units of the target.
+    noise_variance : float or (n,) array
+        Positive, of all rows or of each, in squared units of the target.
     x : (n, D) array
         Checked inputs, n at least 1, in C order.
     buffer : (n, n) array, optional
@@ -136,12 +139,12 @@ def factorise(
     # C order's upper triangle is the lower one in LAPACK's
     jitter = factor_with_jitter(matrix.T, fill, noise_variance=noise_variance)
     if jitter is None:
-        raise NotPositiveDefiniteError(_why(kernel, noise_variance, x))
+        raise NotPositiveDefiniteError(_why(kernel, float(np.min(noise_variance)), x))
     return Factor(matrix=matrix.T, jitter=jitter)
 
 
 def factor_with_jitter(
-    matrix: FloatArray, fill: Callable[[], None], *, noise_variance: float = 0.0
+    matrix: FloatArray, fill: Callable[[], None], *, noise_variance: Noise = 0.0
 ) -> float | None:
     """Factorise a covariance in place, with the least of `JITTERS` that allows it.
 
@@ -151,7 +154,7 @@ def factor_with_jitter(
         In Fortran's order; its lower triangle becomes the factor's.
     fill : callable
         Writes the covariance into the lower triangle; called before each try.
-    noise_variance : float
+    noise_variance : float or (n,) array
         Added to the diagonal, in squared units of the target.
 
     Returns
@@ -201,7 +204,7 @@ def _why(kernel: Kernel, noise_variance: float, x: FloatArray) -> str:
 
 
 def append_rows(
-    factor: Factor, kernel: Kernel, noise_variance: float, x: FloatArray, new: FloatArray
+    factor: Factor, kernel: Kernel, noise_variance: Noise, x: FloatArray, new: FloatArray
 ) -> Factor | None:
     """Factorise the covariance of more observations, starting from the factor of the first ones.
 
@@ -214,8 +217,8 @@ def append_rows(
         Of the covariance of `x`, without jitter; left as it is.
     kernel : Kernel
         Prior covariance.
-    noise_variance : float
-        Positive, in squared units of the target.
+    noise_variance : float or (k,) array
+        Positive, of the new rows, in squared units of the target.
     x : (n, D) array
         Checked inputs in C order.
     new : (k, D) array
@@ -240,7 +243,7 @@ def append_rows(
 
 
 def complement(
-    factor: Factor, kernel: Kernel, noise_variance: float, x: FloatArray, new: FloatArray
+    factor: Factor, kernel: Kernel, noise_variance: Noise, x: FloatArray, new: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Find what the observations of `x` leave unexplained of new ones.
 

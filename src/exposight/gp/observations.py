@@ -164,6 +164,28 @@ def check_noise_variance(noise_variance: float) -> None:
         raise InputError(msg)
 
 
+def check_row_noise(row_noise: ArrayLike | None, *, observations: int) -> FloatArray | None:
+    """Check the variance of each row's further noise, in squared units of the target.
+
+    Raises
+    ------
+    ObservationError
+        If there is not one for each row, finite and not negative.
+    """
+    if row_noise is None:
+        return None
+    array = _as_floats(row_noise, "row_noise")
+    if array.shape != (observations,) or not np.all((array >= 0.0) & np.isfinite(array)):
+        msg = (
+            f"row_noise must hold a variance for each of the {observations} rows, finite and not "
+            f"negative, got shape {array.shape}"
+            + (f" and values down to {array.min():g}" if array.size else "")
+            + "; leave it out where the rows have the same noise"
+        )
+        raise ObservationError(msg)
+    return array
+
+
 def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> None:
     """Check that hyperparameters can be learnt from checked observations.
 

@@ -4,12 +4,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import blas, solve_triangular
 
+from exposight.errors import InputError
 from exposight.gp import observations
 from exposight.gp.factor import Factor, append_rows, factorise
 from exposight.gp.kernels import Kernel
-from exposight.gp.likelihood import log_likelihood, white_noise_log_likelihood
-from exposight.gp.tiling import fill_tiles, limit_blas, predict_in_chunks
+from exposight.gp.likelihood import log_likelihood, noise_of, white_noise_log_likelihood
+from exposight.gp.tiling import (
+    fill_tiles,
+    fill_triangle,
+    limit_blas,
+    predict_in_chunks,
+    row_blocks,
+)
 from exposight.workers import Progress, ignore_progress
 
 # Rows predicted at once: large enough for matrix products at full speed, 30 MB at N = 2000.
@@ -35,6 +43,22 @@ class Prediction:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class JointPrediction:
+    """What a Gaussian process predicts of several rows together, for joint draws.
+
+    Attributes
+    ----------
+    mean : (m,) array
+        In the unit of the targets.
+    covariance : (m, m) array
+        Symmetric, positive semidefinite within rounding, in squared units of the targets.
+    """
+
+    mean: observations.FloatArray
+    covariance: observations.FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GaussianProcess:
     """A zero-mean Gaussian process conditioned on observations; build it with `condition`.
 
@@ -52,6 +76,8 @@ class GaussianProcess:
         Training inputs, read-only.
     y : (n,) array
         Training targets, read-only.
+    row_noise : (n,) array or None
+        Variance of each observation's further noise, read-only; None where there is none.
     log_marginal_likelihood : float
         log p(y | x, hyperparameters).
     jitter : float
@@ -63,6 +89,7 @@ class GaussianProcess:
     noise_variance: float
     x: observations.FloatArray = field(repr=False)
     y: observations.FloatArray = field(repr=False)
+    row_noise: observations.FloatArray | None = field(repr=False)
     log_marginal_likelihood: float
     jitter: float
     _active_x: observations.FloatArray = field(repr=False)
@@ -71,7 +98,13 @@ class GaussianProcess:
 
     @classmethod
     def condition(
-        cls, kernel: Kernel, noise_variance: float, x: ArrayLike, y: ArrayLike
+        cls,
+        kernel: Kernel,
+        noise_variance: float,
+        x: ArrayLike,
+        y: ArrayLike,
+        *,
+        row_noise: ArrayLike | None = None,
     ) -> "GaussianProcess":
         """Condition a zero-mean prior on observations.
 
@@ -85,6 +118,9 @@ class GaussianProcess:
             Inputs, each column in its own unit.
         y : (n,) array
             Targets.
+        row_noise : (n,) array, optional
+            Variance of each observation's further noise, which new observations do not have; in
+            squared units of the target.
 
         Returns
         -------
@@ -102,9 +138,11 @@ class GaussianProcess:
         """
         observations.check_noise_variance(noise_variance)
         inputs, targets, active = observations.check_observations(kernel, x, y)
+        further = observations.check_row_noise(row_noise, observations=len(targets))
+        noise = noise_of(noise_variance, further, active)
         with limit_blas(1):
-            factor = factorise(kernel, noise_variance, np.ascontiguousarray(inputs[active]))
-        return cls._from_factor(factor, kernel, float(noise_variance), inputs, targets)
+            factor = factorise(kernel, noise, np.ascontiguousarray(inputs[active]))
+        return cls._from_factor(factor, kernel, float(noise_variance), inputs, targets, further)
 
     @classmethod
     def _from_factor(
@@ -114,6 +152,7 @@ class GaussianProcess:
         noise_variance: float,
         x: observations.FloatArray,
         y: observations.FloatArray,
+        row_noise: observations.FloatArray | None,
     ) -> "GaussianProcess":
         """Condition on checked observations whose covariance has been factorised."""
         active = ~kernel.closed(x)
@@ -124,15 +163,18 @@ class GaussianProcess:
             noise_variance=noise_variance,
             x=observations.read_only(x),
             y=observations.read_only(y),
+            row_noise=None if row_noise is None else observations.read_only(row_noise),
             log_marginal_likelihood=log_likelihood(factor, alpha, y[active])
-            + white_noise_log_likelihood(y[~active], noise_variance),
+            + white_noise_log_likelihood(y[~active], noise_of(noise_variance, row_noise, ~active)),
             jitter=factor.jitter,
             _active_x=np.ascontiguousarray(x[active]),
             _factor=factor,
             _alpha=alpha,
         )
 
-    def with_observations(self, x: ArrayLike, y: ArrayLike) -> "GaussianProcess":
+    def with_observations(
+        self, x: ArrayLike, y: ArrayLike, *, row_noise: ArrayLike | None = None
+    ) -> "GaussianProcess":
         """Learn from more observations; the hyperparameters stay as they are.
 
         The same as `condition` on all of them, in squared instead of cubic time. A covariance
@@ -144,6 +186,8 @@ class GaussianProcess:
             Inputs, columns as in training.
         y : (k,) array
             Targets.
+        row_noise : (k,) array, optional
+            As for `condition`.
 
         Returns
         -------
@@ -160,15 +204,26 @@ class GaussianProcess:
         inputs = observations.check_inputs(x, columns=self.x.shape[1])
         targets = observations.check_targets(y, observations=len(inputs))
         all_x, all_y = np.vstack([self.x, inputs]), np.append(self.y, targets)
-        factor, new = None, np.ascontiguousarray(inputs[~self.kernel.closed(inputs)])
+        further, noise = observations.check_row_noise(row_noise, observations=len(inputs)), None
+        if self.row_noise is not None or further is not None:
+            old, added = (
+                np.zeros(rows) if known is None else known
+                for rows, known in ((len(self.y), self.row_noise), (len(inputs), further))
+            )
+            noise = np.append(old, added)
+        factor, active = None, ~self.kernel.closed(inputs)
         if self.jitter == 0.0:
             with limit_blas(1):
                 factor = append_rows(
-                    self._factor, self.kernel, self.noise_variance, self._active_x, new
+                    self._factor,
+                    self.kernel,
+                    noise_of(self.noise_variance, further, active),
+                    self._active_x,
+                    np.ascontiguousarray(inputs[active]),
                 )
         if factor is None:
-            return self.condition(self.kernel, self.noise_variance, all_x, all_y)
-        return self._from_factor(factor, self.kernel, self.noise_variance, all_x, all_y)
+            return self.condition(self.kernel, self.noise_variance, all_x, all_y, row_noise=noise)
+        return self._from_factor(factor, self.kernel, self.noise_variance, all_x, all_y, noise)
 
     def predict(
         self,
@@ -225,6 +280,94 @@ class GaussianProcess:
         if include_noise:
             variance += self.noise_variance
         return Prediction(mean=mean, std=np.sqrt(variance))
+
+    def predict_jointly(self, x: ArrayLike, *, include_noise: bool = False) -> JointPrediction:
+        """Predict mean and covariance of rows together; takes (m, m) and (m, n) memory.
+
+        Rasmussen and Williams 2006, Eq. 2.24.
+
+        Parameters
+        ----------
+        x : (m, D) array
+            Inputs, columns as in training.
+        include_noise : bool
+            Whether the covariance is that of new observations, or that of the function underneath.
+
+        Returns
+        -------
+        JointPrediction
+
+        Raises
+        ------
+        ObservationError
+            If the inputs are not a finite matrix with the columns of training.
+        """
+        inputs = observations.check_inputs(x, columns=self.x.shape[1])
+        cross = np.empty((len(inputs), len(self._active_x)))
+        fill_tiles(self.kernel, inputs, self._active_x, cross)
+        mean = cross @ self._alpha
+        covariance = np.empty((len(inputs), len(inputs)))
+        for rows in row_blocks(len(inputs)):
+            fill_triangle(self.kernel, inputs, rows, covariance)
+        if len(inputs):
+            with limit_blas(1):
+                explained = self._factor.half_solve(cross.T)
+                # C order's upper triangle is the lower one in BLAS
+                blas.dsyrk(
+                    -1.0, explained, beta=1.0, c=covariance.T, trans=1, lower=1, overwrite_c=1
+                )
+        symmetric = np.triu(covariance) + np.triu(covariance, 1).T
+        diagonal = np.einsum("ii->i", symmetric)
+        np.maximum(diagonal, 0.0, out=diagonal)  # as in `predict`
+        if include_noise:
+            diagonal += self.noise_variance
+        return JointPrediction(mean=mean, covariance=symmetric)
+
+    def leave_out(self, groups: ArrayLike) -> Prediction:
+        """Predict each observation from those of all other groups; hyperparameters stay.
+
+        In closed form: with g a group's rows, their residuals y − mean are (K⁻¹_gg)⁻¹ α_g and have
+        the covariance (K⁻¹_gg)⁻¹ (Rasmussen and Williams 2006, Eq. 5.12, of one row; a block's
+        inverse of it for several). It takes one inverse of K, whatever the number of groups.
+
+        Parameters
+        ----------
+        groups : (n,) array
+            Each observation's group, numbers or words; all different to leave out one at a time.
+
+        Returns
+        -------
+        Prediction
+            Of the n observations, noise included, their further noise too.
+
+        Raises
+        ------
+        InputError
+            If there is not one label for each observation.
+        """
+        labels = np.asarray(groups)
+        if labels.shape != self.y.shape:
+            msg = (
+                f"groups must hold a label for each of the {len(self.y)} observations, got shape "
+                f"{labels.shape}"
+            )
+            raise InputError(msg)
+        residual, variance = self.y.copy(), np.full(len(self.y), self.noise_variance)
+        if self.row_noise is not None:
+            variance += self.row_noise
+        near = np.flatnonzero(~self.kernel.closed(self.x))
+        with limit_blas(1):
+            factor = Factor(matrix=self._factor.matrix.copy(order="F"), jitter=self.jitter)
+            inverse = factor.consume()
+            order = np.unique(labels[near], return_inverse=True)[1]
+            for group in range(order.max() + 1):
+                rows = np.flatnonzero(order == group)
+                # the lower triangle alone holds the inverse
+                half = np.linalg.cholesky(inverse[np.ix_(rows, rows)])
+                root = solve_triangular(half, np.eye(len(rows)), lower=True)
+                residual[near[rows]] = root.T @ (root @ self._alpha[rows])
+                variance[near[rows]] = np.einsum("ij,ij->j", root, root)
+        return Prediction(mean=self.y - residual, std=np.sqrt(variance))
 
     def _mean_and_variance(
         self, x: observations.FloatArray

@@ -1,4 +1,4 @@
-"""Linear kernel and change point, and kernels of every kind read back from descriptions."""
+"""Kernels of no distance, and kernels of every kind read back from descriptions."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,11 @@ from exposight.errors import InputError
 from exposight.gp import observations
 from exposight.gp.kernels import stationary
 from exposight.gp.kernels.base import Kernel, Leaf, Parameter, Product, Quantity, Sum
-from exposight.gp.kernels.loops import close_outside
+from exposight.gp.kernels.loops import (
+    close_between_categories,
+    close_outside,
+    sum_within_categories,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,9 +213,104 @@ class ChangePoint(Leaf):
         return (~self.closed(x)).astype(np.float64)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Category(Leaf):
+    """An independent effect of each category: variance where x[dim] == x'[dim], else 0.
+
+    A random effect of the features or views that observations belong to. A category that training
+    did not hold has the prior's mean, 0, and variance.
+
+    Attributes
+    ----------
+    variance : float
+        Of the effects, in squared units of the target.
+    dim : int
+        Column of the inputs that holds the category's number, counted from 0; only equal numbers
+        are alike, so they should be whole.
+    fixed : tuple of str
+        ``("variance",)`` if fitting shall leave it alone.
+
+    Raises
+    ------
+    InputError
+        If the variance is not positive and finite, or `dim` or `fixed` cannot be right.
+    """
+
+    variance: float
+    dim: int
+    fixed: tuple[str, ...] = ()
+    type_name: ClassVar[str] = "category"
+
+    def __post_init__(self) -> None:
+        (dim,) = observations.check_dims((self.dim,), kernel="Category")
+        (variance,) = observations.check_positive((self.variance,), name="Category.variance")
+        fixed = observations.check_fixed(self.fixed, allowed=("variance",), kernel="Category")
+        object.__setattr__(self, "dim", dim)
+        object.__setattr__(self, "variance", variance)
+        object.__setattr__(self, "fixed", fixed)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of the inputs that this kernel reads."""
+        return (self.dim,)
+
+    @property
+    def hyperparameters(self) -> tuple[Parameter, ...]:
+        """The variance."""
+        return (
+            Parameter(
+                name="variance",
+                value=self.variance,
+                quantity=Quantity.VARIANCE,
+                dims=(self.dim,),
+                free="variance" not in self.fixed,
+            ),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
+        return {
+            "type": self.type_name,
+            "variance": self.variance,
+            "dim": self.dim,
+            "fixed": list(self.fixed),
+        }
+
+    def _with_values(self, values: tuple[float, ...]) -> Self:
+        return replace(self, variance=values[0])
+
+    def fill(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
+        """See `Kernel.fill`."""
+        out[:] = 1.0
+        self.multiply(x, y, out)
+
+    def multiply(
+        self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
+    ) -> None:
+        """See `Kernel.multiply`."""
+        close_between_categories(x, y, self.dim, self.variance, out)
+
+    def weigh(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
+        """See `Kernel.weigh`."""
+        derivative = self.variance * sum_within_categories(x, y, self.dim, weights)
+        return np.array([derivative])[self._free]
+
+    def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
+        """See `Kernel.prior_variance`."""
+        return np.full(len(x), self.variance)
+
+
 _KINDS: dict[str, type[Kernel]] = {
     kind.type_name: kind
     for kind in (
+        Category,
         ChangePoint,
         stationary.Exponential,
         Linear,

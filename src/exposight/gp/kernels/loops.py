@@ -145,6 +145,29 @@ def close_outside(
             out[:, j] = 0.0
 
 
+@njit(**_EXACT)
+def close_between_categories(
+    x: FloatArray, y: FloatArray, column: int, variance: float, out: FloatArray
+) -> None:
+    """Multiply the pairs, (n, m), by the variance; zero those that differ in one column."""
+    codes = y[:, column].copy()
+    for i in range(len(x)):
+        code = x[i, column]
+        for j in range(len(codes)):
+            out[i, j] *= variance if codes[j] == code else 0.0
+
+
+@njit(**_SUMS)
+def sum_within_categories(x: FloatArray, y: FloatArray, column: int, weights: FloatArray) -> float:
+    """Sum the weights, (n, m), of the pairs that are alike in one column."""
+    codes, total = y[:, column].copy(), 0.0
+    for i in range(len(x)):
+        code = x[i, column]
+        for j in range(len(codes)):
+            total += weights[i, j] if codes[j] == code else 0.0
+    return total
+
+
 @njit(**_SUMS)
 def weighted_square_differences(
     x: FloatArray, y: FloatArray, columns: IntArray, rates: FloatArray, weights: FloatArray
