@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from exposight.errors import (
     MissingFileError,
     VersionError,
 )
+from exposight.gp import GaussianProcess
 from exposight.models import (
     MODELS,
     is_model_file,
@@ -95,6 +97,18 @@ def test_everything_in_a_model_comes_back(path, trained):
     np.testing.assert_array_equal(again.process.y, model.process.y)
     for name in ("name", "title", "target", "inputs", "p_norm_min", "source"):
         assert getattr(again, name) == getattr(model, name)
+
+
+def test_noise_of_single_rows_comes_back(path, trained):
+    model = trained(model_named("q_k4"))
+    process, noise = model.process, np.linspace(0.0, 0.1, model.n_observations)
+    noisy = GaussianProcess.condition(
+        process.kernel, process.noise_variance, process.x, process.y, row_noise=noise
+    )
+    save_model(path, replace(model, process=noisy))
+    read = load_model(path).process
+    np.testing.assert_array_equal(read.row_noise, noise)
+    np.testing.assert_array_equal(read.predict(process.x).std, noisy.predict(process.x).std)
 
 
 def test_a_models_sensor_comes_back(saved, wide_sensor):

@@ -58,6 +58,14 @@ def nearest(table):
     return Nearest.train(table, name="near", target="p_norm", inputs=("x_mm", "i_avg"))
 
 
+def test_a_band_is_two_standard_deviations_unless_it_is_given():
+    mean, inside = np.array([1.0, 2.0]), np.array([True, True])
+    plain = Prediction(mean=mean, std=np.array([0.5, 1.0]), inside=inside)
+    np.testing.assert_array_equal([plain.low, plain.high], [[0.0, 0.0], [2.0, 4.0]])
+    one_sided = Prediction(mean=mean, std=mean, inside=inside, low=0.9 * mean)
+    np.testing.assert_array_equal([one_sided.low, one_sided.high], [0.9 * mean, 3.0 * mean])
+
+
 # -- by name ------------------------------------------------------------------------------------
 
 

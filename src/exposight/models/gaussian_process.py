@@ -231,6 +231,8 @@ class GaussianProcessModel(predictor.Predictor):
         arrays: dict[str, NDArray[Any]] = {"inputs": self.process.x, "targets": self.process.y}
         if isinstance(self.process, Committee):
             arrays["shard"] = self.process.shard
+        elif self.process.row_noise is not None:
+            arrays["row_noise"] = self.process.row_noise
         return content, arrays
 
     @classmethod
@@ -251,7 +253,9 @@ class GaussianProcessModel(predictor.Predictor):
         if "shard" in arrays:
             process = Committee.from_shards(kernel, kept.noise_variance, x, y, arrays["shard"])
         else:
-            process = GaussianProcess.condition(kernel, kept.noise_variance, x, y)
+            process = GaussianProcess.condition(
+                kernel, kept.noise_variance, x, y, row_noise=arrays.get("row_noise")
+            )
         return cls(
             **common,
             p_norm_min=kept.p_norm_min,

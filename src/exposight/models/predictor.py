@@ -39,11 +39,21 @@ class Prediction:
     inside : (n,) ndarray of bool
         Whether the inputs lie in the range of the training data. Outside, the model
         extrapolates, and the paper's test features show how far off it then may be (Table 3).
+    low, high : (n,) ndarray, optional
+        Quantiles of 2.3 % and 97.7 % of a new observation, in the target's unit; mean ± 2 std if
+        left out, and never None afterwards.
     """
 
     mean: NDArray[np.float64]
     std: NDArray[np.float64]
     inside: NDArray[np.bool_]
+    low: NDArray[np.float64] = None  # type: ignore[assignment]  # `__post_init__` replaces it
+    high: NDArray[np.float64] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name, side in (("low", -2.0), ("high", 2.0)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, self.mean + side * self.std)
 
 
 @dataclass(frozen=True, kw_only=True)
