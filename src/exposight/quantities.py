@@ -84,6 +84,9 @@ _length = partial(Quantity, unit="mm", digits=1, suffix="mm", error_unit="mm")
 _angle = partial(Quantity, unit="°", digits=1, low=-180.0, high=180.0, suffix="°", error_unit="°")
 _count = partial(Quantity, unit="1", digits=0, low=0.0)
 
+STACK_PERCENTS = (5, 25, 50, 75, 95)
+"""Percentiles that are kept of what a frame stack tells of a ring's pixels."""
+
 QUANTITIES = {
     "p_norm": _share("p_norm", "point-cloud quality"),
     "exposure_ms": Quantity(
@@ -105,6 +108,23 @@ QUANTITIES = {
     "i_p95": _grey("i_95", "95th percentile of the ring's brightness"),
     "clipped_share": _share("s_clip", "share of the ring's pixels at full scale"),
     "incidence_deg": _angle("θ", "angle between ray and surface normal", low=-90.0, high=90.0),
+    "i_mean": _grey("i_mean", "mean brightness of the ring without the pattern"),
+    **{
+        f"{column}_p{percent:02d}": _grey(
+            f"{column},{percent:02d}", f"{percent}th percentile of the ring's {words}"
+        )
+        for column, words in (
+            ("i_mean", "brightness without the pattern"),
+            ("i_max", "brightest frame"),
+            ("i_mod", "weakest amplitude of the patterns"),
+        )
+        for percent in STACK_PERCENTS
+    },
+    "stack_clipped_share": _share("s_full", "share of the ring's pixels that some frame clips"),
+    "low_modulation_share": _share("s_low", "share of the ring's pixels of too low amplitude"),
+    "part_w_deg": _angle("w_part", "rotation of the part about x"),
+    "part_p_deg": _angle("p_part", "rotation of the part about y"),
+    "part_r_deg": _angle("r_part", "rotation of the part about z"),
 }  # fmt: skip
 """Every numeric column of an observation table."""
 

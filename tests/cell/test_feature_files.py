@@ -1,3 +1,6 @@
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from exposight.cell import RULES, Feature, read_features, write_features
+from exposight.cell.feature_files import features_from_csv, features_to_csv
 from exposight.errors import FeatureError, FormatError, MissingFileError
 from exposight.geometry import RigidTransform
 
@@ -149,3 +153,19 @@ def test_another_encoding_is_named(tmp_path):
     path.write_bytes(f"{HEADER}\nLöcher".encode("utf-16"))
     with pytest.raises(FormatError, match="is not UTF-8 text"):
         read_features(path)
+
+
+def test_finishes_come_back_and_are_left_out_where_none_is_known(part):
+    text = features_to_csv(part.features)
+    assert "finish" not in text
+    known = (replace(part.features[0], finish="primer"), *part.features[1:])
+    text = features_to_csv(known)
+    assert text.splitlines()[0].endswith(",tz,finish")
+    again = features_from_csv(text, Path("features.csv"))
+    assert [feature.finish for feature in again] == ["primer", "", ""]
+
+
+@pytest.mark.parametrize("finish", [" bare", "a\nb"])
+def test_a_finish_is_a_name(part, finish):
+    with pytest.raises(FeatureError, match="its finish must be a printable name"):
+        replace(part.features[0], finish=finish)

@@ -1,4 +1,4 @@
-"""A campaign that the first release wrote; its capture 0 is of version 1, the others of 2."""
+"""A campaign that earlier versions wrote; its capture 0 is of version 1, the others of 2."""
 
 from pathlib import Path
 
@@ -24,12 +24,15 @@ def test_its_captures_are_what_they_were():
     assert [capture.bit_depth for capture in captures] == [8, 12, 8]
     assert [capture.cloud and capture.cloud.n_valid for capture in captures] == [64, 66, None]
     assert [dict(capture.attachments) for capture in captures] == [{}, {}, {"a.txt": b"A"}]
+    assert {(capture.stack, capture.brightness_source) for capture in captures} == {
+        (None, "stripe")
+    }
     assert captures[0].notes == "Ärger & Freude"
     np.testing.assert_allclose(captures[0].camera_from_part.translation_mm, [1, 2, 600])
 
 
 def test_the_same_files_are_written_today(tmp_path):
-    """Format and layout have not changed, so an older exposight reads what this one writes."""
+    """Clouds, sensors and features have not changed; captures say more from version 3 on."""
     campaign = CampaignFolder(FOLDER)
     with CampaignWriter.open_or_create(
         tmp_path, name=campaign.name, sensor=campaign.sensor, part=campaign.part
@@ -39,7 +42,11 @@ def test_the_same_files_are_written_today(tmp_path):
     for name in ("captures/000000/cloud.npz", "captures/000001/cloud.npz"):
         assert (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes()
     old, new = (path / "captures" / "000001" / "capture.json" for path in (FOLDER, tmp_path))
-    assert new.read_text().splitlines()[:9] == old.read_text().splitlines()[:9]
+    assert new.read_text().splitlines()[3:9] == old.read_text().splitlines()[3:9]
+    old, new = (path / "features.csv" for path in (FOLDER, tmp_path))
+    assert new.read_text().splitlines()[0] == old.read_text().splitlines()[0]
+    for capture in CampaignFolder(tmp_path).captures():
+        assert capture.stack is None
     assert (tmp_path / "sensor.json").read_text().splitlines()[:24] == (
         (FOLDER / "sensor.json").read_text().splitlines()[:24]
     )

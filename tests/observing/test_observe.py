@@ -1,5 +1,7 @@
 """Whole observations: what lowers p_norm and by how much, and campaigns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -146,7 +148,25 @@ def test_observe_capture_gives_the_rows_of_the_campaign(
     capture = make_capture(sensor, facing)
     views = view_features(Part(name="part", features=features), sensor, facing)
     rows = observe_capture(capture, views, point_search(capture.cloud, sensor.camera))
-    assert rows == observe(sensor, features, capture)
+    shared = {
+        "sensor": "small",
+        "part": "part",
+        "tcp": "0 0 600 0 0 0",
+        **dict.fromkeys(("part_w_deg", "part_p_deg", "part_r_deg"), 0.0),
+    }
+    assert [replace(row, **shared) for row in rows] == observe(sensor, features, capture)
+
+
+def test_rows_say_how_sensor_and_part_stand(sensor, make_capture, observe, hole):
+    tilted = replace(
+        sensor, camera_from_tcp=RigidTransform.from_fanuc_wpr((1.5, -2, 600), 10, 0, 0)
+    )
+    turn = RigidTransform.from_fanuc_wpr((0, 0, 0), 12, -7, 30)
+    capture = make_capture(tilted, tilted.camera_from_tcp @ turn)
+    (row,) = observe(tilted, replace(hole(20.0), finish="primer"), capture)
+    assert (row.sensor, row.part, row.finish) == ("small", "part", "primer")
+    assert row.tcp == "1.5 -2 600 10 0 0"
+    assert (row.part_w_deg, row.part_p_deg, row.part_r_deg) == pytest.approx((12, -7, 30))
 
 
 # -- campaigns ----------------------------------------------------------------------------------

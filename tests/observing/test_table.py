@@ -410,7 +410,7 @@ def test_counts_tell_each_visibility_the_commonest_first():
 
 # -- further columns ----------------------------------------------------------------------------
 
-FURTHER = {"operator": ["Ann", "Bo"], "i_mean": [101.5, None], "i_p25": [1, 2], "dry": [True, None]}
+FURTHER = {"operator": ["Ann", "Bo"], "i_p10": [101.5, None], "i_p25": [1, 2], "dry": [True, None]}
 
 
 @suffixes
@@ -422,16 +422,16 @@ def test_further_columns_are_kept(tmp_path, written, suffix):
     again = read_observations(path)
     assert again.frame.equals(table.frame)
     assert again.measured().frame["operator"].to_list() == ["Ann"]
-    assert again.array(["i_mean", "i_p25"])[0].tolist() == [101.5, 1.0]
+    assert again.array(["i_p10", "i_p25"])[0].tolist() == [101.5, 1.0]
 
 
 def test_observations_carry_further_columns():
-    rows = [replace(MEASURED, extra={"i_mean": 7.0}), replace(MEASURED, extra={"finish": "bare"})]
+    rows = [replace(MEASURED, extra={"i_p10": 7.0}), replace(MEASURED, extra={"lens": "wide"})]
     table = table_of(*rows)
-    assert table.frame.select("i_mean", "finish").rows() == [(7.0, None), (None, "bare")]
+    assert table.frame.select("i_p10", "lens").rows() == [(7.0, None), (None, "wide")]
     assert ObservationTable.from_frame(table.frame.reverse()).further_columns == (
-        "i_mean",
-        "finish",
+        "i_p10",
+        "lens",
     )
 
 

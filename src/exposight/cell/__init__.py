@@ -25,3 +25,4 @@ from exposight.cell.sensor import (
     sensor_preset,
     write_sensor,
 )
+from exposight.cell.stack_images import EVEN_SOURCES, BrightnessSource, StackImages

@@ -378,6 +378,8 @@ def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part:
         difference = f"was taken by a sensor {campaign.sensor.name!r} that differs from the one now"
     elif not files.alike(_outline(campaign.part), _outline(part)):
         difference = f"is of a part {campaign.part.name!r} that differs from the one now"
+    elif finishes := _other_finish(campaign.part, part):
+        difference = f"is of a part {campaign.part.name!r} whose {finishes}"
     else:
         return
     msg = f"the campaign in {campaign.path} {difference}; choose another folder for this one"
@@ -387,6 +389,14 @@ def _check_same(campaign: CampaignFolder, name: str, sensor: ActiveSensor, part:
 def _outline(part: Part) -> list[object]:
     sizes = [[f.name, f.kind, f.radius_mm, f.length_mm, f.width_mm] for f in part.features]
     return [part.name, sizes, [f.part_from_feature.to_matrix().tolist() for f in part.features]]
+
+
+def _other_finish(one: Part, other: Part) -> str:
+    """Name a feature that is on different finishes; folders of earlier versions know of none."""
+    for a, b in zip(one.features, other.features, strict=True):
+        if a.finish and b.finish and a.finish != b.finish:
+            return f"feature {a.name!r} was on {a.finish!r} and is on {b.finish!r} now"
+    return ""
 
 
 def _check_new(

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -16,12 +16,15 @@ from pydantic import Field
 
 from exposight import files
 from exposight.cell.cloud import Cloud
-from exposight.cell.image import GREY_MAX, Image, check_levels, full_scale, png_bytes
+from exposight.cell.image import GREY_MAX, Image, full_scale, png_bytes, read_only
 from exposight.cell.sensor import ActiveSensor, StoredPose
+from exposight.cell.stack_images import BrightnessSource, StackImages, check_source
 from exposight.errors import CloudError, FormatError, ImageError, InputError
 from exposight.geometry import RigidTransform
 
 _DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz")
+
+_STACK_FILES = {name: f"{name}.png" for name in ("mean", "maximum", "modulation")}
 
 _FILE_NAME = "[A-Za-z0-9][A-Za-z0-9._-]*"
 """Never a path into another folder."""
@@ -45,7 +48,8 @@ class Capture:
     exposure_ms : float, ms
         Exposure time that was really taken, as the sensor reports it.
     image : (rows, columns) ndarray of uint8 or uint16
-        One stripe image of the first camera (Sect. 3.1.2 of the paper). Copied, made read-only.
+        One image of the first camera, in which brightness is averaged (Sect. 3.1.2 of the paper);
+        `brightness_source` says which. Copied, made read-only.
     cloud : Cloud or None
         In the first camera's frame, mm; None where it was not kept, which is not the same as a
         cloud without any point.
@@ -60,14 +64,19 @@ class Capture:
     attachments : mapping of str to bytes
         Further files to be kept with it, by name, for example raw frames. Those of a capture read
         from a campaign's folder are read when they are looked up.
+    stack : StackImages or None
+        What all its frames tell of each pixel, in the image's size and bit depth; copied likewise.
+    brightness_source : {"stripe", "stripes-mean", "texture", "dots"}
+        What the image is (`BrightnessSource`).
 
     Raises
     ------
     ImageError
-        If the image is in colour, or of another type or range than its bit depth says.
+        If an image is in colour, or of another type or range than the bit depth says, or one of
+        the stack has another size.
     InputError
-        If the view has no name, the exposure time is not positive, or an attachment's name is not
-        that of a file.
+        If the view has no name, the exposure time is not positive, an attachment's name is not
+        that of a file, or the image and its stack contradict each other.
     """
 
     view: str
@@ -79,6 +88,8 @@ class Capture:
     emulated: bool = False
     notes: str = ""
     attachments: Mapping[str, bytes] = field(default_factory=dict)
+    stack: StackImages | None = None
+    brightness_source: BrightnessSource = "stripe"
 
     def __post_init__(self) -> None:
         if not self.view.strip():
@@ -87,15 +98,20 @@ class Capture:
         if not (math.isfinite(self.exposure_ms) and self.exposure_ms > 0):
             msg = f"an exposure time must be above 0 ms, got {self.exposure_ms} ms"
             raise InputError(msg)
+        taken = _FILES if self.stack is None else (*_FILES, *_STACK_FILES.values())
         for name in self.attachments:
-            if not re.fullmatch(_FILE_NAME, name) or name in _FILES:
+            if not re.fullmatch(_FILE_NAME, name) or name in taken:
                 msg = (
                     f"an attachment needs a file name of its own, in letters, digits, '.', "
                     f"'_' and '-', got {name!r}"
                 )
                 raise InputError(msg)
         object.__setattr__(self, "exposure_ms", float(self.exposure_ms))
-        object.__setattr__(self, "image", _own_image(self.image, self.bit_depth))
+        object.__setattr__(self, "image", read_only(self.image, self.bit_depth, "image"))
+        check_source(self.brightness_source, self.stack)
+        if self.stack is not None:
+            stack = self.stack.checked(self.image.shape, self.bit_depth)
+            object.__setattr__(self, "stack", stack)
 
     @property
     def key(self) -> CaptureKey:
@@ -169,26 +185,22 @@ class Capture:
         sensor.check_exposure(self.exposure_ms)
 
 
-def _own_image(image: NDArray[np.uint8] | NDArray[np.uint16], bit_depth: int) -> Image:
-    """Return a read-only copy of a grey image: cameras fill the same buffer with their next one."""
-    if image.ndim != 2 or image.size == 0:
-        what = "a colour image" if image.ndim == 3 else "an array"
-        msg = (
-            f"a capture needs a grey image of shape (rows, columns), got {what} of shape "
-            f"{image.shape}; convert it to grey"
-        )
-        raise ImageError(msg)
-    copy = check_levels(image, bit_depth, "image").copy()
-    copy.setflags(write=False)
-    return copy
-
-
 # -- on disk ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
+class StackDescription:
+    """What ``capture.json`` says of a capture's stack images."""
+
+    mean_sha256: files.Checksum | None
+    maximum_sha256: files.Checksum
+    modulation_sha256: files.Checksum
+    min_modulation: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class CaptureDescription:
-    """What ``capture.json`` says: all but image, cloud and attachments (``docs/formats.md``)."""
+    """What ``capture.json`` says: all but images, cloud and attachments (``docs/formats.md``)."""
 
     view: str
     exposure_ms: float
@@ -202,6 +214,9 @@ class CaptureDescription:
         default_factory=dict
     )
     """Of the attachments; not in version 1."""
+    brightness_source: BrightnessSource = "stripe"
+    stack: StackDescription | None = None
+    """Both not before version 3."""
 
     @property
     def key(self) -> CaptureKey:
@@ -209,11 +224,14 @@ class CaptureDescription:
         return CaptureKey(self.view, self.exposure_ms)
 
 
-_DESCRIBED = ("view", "exposure_ms", "bit_depth", "emulated", "notes", "camera_from_part")
+_DESCRIBED = (
+    *("view", "exposure_ms", "bit_depth", "emulated", "notes", "camera_from_part"),
+    "brightness_source",
+)
 """Fields that a capture and its description share."""
 
-_FORMAT = files.DocumentFormat("exposight capture", 2, CaptureDescription)
-"""2: a capture may lack its cloud, and have attachments."""
+_FORMAT = files.DocumentFormat("exposight capture", 3, CaptureDescription)
+"""2: a capture may lack its cloud, and have attachments. 3: it may have stack images."""
 
 
 def write_capture(folder: Path, capture: Capture) -> None:
@@ -234,9 +252,21 @@ def write_capture(folder: Path, capture: Capture) -> None:
     contents = {**capture.attachments, _IMAGE: png_bytes(capture.image)}
     if capture.cloud is not None:
         contents[_CLOUD] = _npz(capture.cloud)
+    if capture.stack is not None:
+        images = capture.stack.images()
+        contents |= {_STACK_FILES[name]: png_bytes(image) for name, image in images.items()}
     checksums = {name: files.sha256_of(content) for name, content in contents.items()}
+    stack = None
+    if capture.stack is not None:
+        stack = StackDescription(
+            mean_sha256=checksums.pop(_STACK_FILES["mean"], None),
+            maximum_sha256=checksums.pop(_STACK_FILES["maximum"]),
+            modulation_sha256=checksums.pop(_STACK_FILES["modulation"]),
+            min_modulation=capture.stack.min_modulation,
+        )
     description = CaptureDescription(
         **{name: getattr(capture, name) for name in _DESCRIBED},
+        stack=stack,
         image_sha256=checksums.pop(_IMAGE),
         cloud_sha256=checksums.pop(_CLOUD, None),
         beside_sha256=checksums,
@@ -274,7 +304,7 @@ def read_capture(folder: Path) -> Capture:
         If a newer version of exposight wrote it.
     """
     description = read_description(folder)
-    image = _image_from_png(_verified(folder / _IMAGE, description.image_sha256), folder / _IMAGE)
+    image = _read_image(folder / _IMAGE, description.image_sha256)
     cloud = None
     if description.cloud_sha256 is not None:
         cloud = _cloud_from_npz(
@@ -286,6 +316,7 @@ def read_capture(folder: Path) -> Capture:
             image=image,
             cloud=cloud,
             attachments=StoredAttachments(folder, description.beside_sha256),
+            stack=None if description.stack is None else _read_stack(folder, description.stack),
         )
     except InputError as error:
         msg = f"{folder}: {error}"
@@ -321,8 +352,19 @@ def _verified(path: Path, sha256: str) -> bytes:
     return files.read_verified(path, sha256, "file of a campaign")
 
 
-def _image_from_png(data: bytes, path: Path) -> Image:
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+def _read_stack(folder: Path, stack: StackDescription) -> StackImages:
+    checksums = {name: getattr(stack, f"{name}_sha256") for name in _STACK_FILES}
+    images: dict[str, Any] = {
+        name: _read_image(folder / _STACK_FILES[name], sha256)
+        for name, sha256 in checksums.items()
+        if sha256 is not None
+    }
+    return StackImages(**images, min_modulation=stack.min_modulation)
+
+
+def _read_image(path: Path, sha256: str) -> Image:
+    data = np.frombuffer(_verified(path, sha256), dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         msg = f"{path} is no PNG image"
         raise FormatError(msg)

@@ -16,7 +16,7 @@ from exposight.files import check_columns, read_text, write_durably
 from exposight.geometry import RigidTransform, rotation_facing
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
-_OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz")
+_OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz", "finish")
 
 _NORMAL_TOLERANCE = 0.05
 """How far a normal's length may be from 1: normals printed with one decimal are off by up to 4 %,
@@ -33,9 +33,9 @@ def read_features(path: Path) -> tuple[Feature, ...]:
     ----------
     path : Path
         Columns ``name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm``, then optionally
-        ``length_mm,width_mm`` and ``tx,ty,tz``. (nx, ny, nz) is the outward surface normal, which
-        is turned here: a feature's z axis points into the material. (tx, ty, tz) is the direction
-        of the length; slots and pockets need it.
+        ``length_mm,width_mm``, ``tx,ty,tz`` and ``finish``. (nx, ny, nz) is the outward surface
+        normal, which is turned here: a feature's z axis points into the material. (tx, ty, tz) is
+        the direction of the length; slots and pockets need it.
 
     Raises
     ------
@@ -61,11 +61,19 @@ def write_features(path: Path, features: Iterable[Feature]) -> None:
 
 
 def features_to_csv(features: Iterable[Feature]) -> str:
-    """Return features as the text of a CSV file, every column written, normals outward."""
+    """Return features as the text of a CSV file, normals outward.
+
+    Every column is written; ``finish``, which files of earlier versions lack, where one is known.
+    """
+    features = tuple(features)
+    finishes = [[feature.finish] for feature in features]
+    if not any(map(any, finishes)):
+        finishes = [[] for _ in features]
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(_REQUIRED + _OPTIONAL)
-    for feature in features:
+    columns = _REQUIRED + _OPTIONAL
+    writer.writerow(columns if any(finishes) else columns[:-1])
+    for feature, finish in zip(features, finishes, strict=True):
         pose = feature.part_from_feature
         # Adding 0 turns −0 into 0.
         outward = 0.0 - pose.rotation[:, 2]
@@ -79,6 +87,7 @@ def features_to_csv(features: Iterable[Feature]) -> str:
                 "" if feature.length_mm is None else _spell(feature.length_mm),
                 "" if feature.width_mm is None else _spell(feature.width_mm),
                 *map(_spell, pose.rotation[:, 0]),
+                *finish,
             ]
         )
     return buffer.getvalue()
@@ -140,6 +149,7 @@ def _feature(cells: Mapping[str, str]) -> Feature:
         radius_mm=_number(cells, "radius_mm"),
         length_mm=_number(cells, "length_mm") if cells.get("length_mm") else None,
         width_mm=_number(cells, "width_mm") if cells.get("width_mm") else None,
+        finish=cells.get("finish", ""),
     )
 
 

@@ -72,6 +72,35 @@ def check_levels(image: NDArray[Any], bit_depth: int, name: str) -> Image:
     return image
 
 
+def read_only(image: NDArray[Any], bit_depth: int, name: str) -> Image:
+    """Return a grey image that nobody can change: a copy, unless it is one already.
+
+    Cameras fill the same buffer with their next image.
+
+    Parameters
+    ----------
+    image, bit_depth, name
+        As for `check_levels`.
+
+    Raises
+    ------
+    ImageError
+        If it is no grey image, or not of the bit depth said.
+    """
+    if image.ndim != 2 or image.size == 0:
+        what = "a colour image" if image.ndim == 3 else "an array"
+        msg = (
+            f"{name}: a capture needs a grey image of shape (rows, columns), got {what} of shape "
+            f"{image.shape}; convert it to grey"
+        )
+        raise ImageError(msg)
+    checked = check_levels(image, bit_depth, name)
+    if checked.flags.writeable or checked.base is not None:
+        checked = checked.copy()
+        checked.setflags(write=False)
+    return checked
+
+
 def png_bytes(image: Image) -> bytes:
     """Return a grey image as the content of a lossless PNG file.
 

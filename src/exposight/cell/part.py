@@ -78,6 +78,8 @@ class Feature:
         surface point.
     length_mm, width_mm : float, mm, optional
         Overall length along x and width along y; slots and pockets only.
+    finish : str
+        Name of the surface that it is on, such as "primer"; empty where it is not known.
 
     Raises
     ------
@@ -92,10 +94,17 @@ class Feature:
     radius_mm: float
     length_mm: float | None = None
     width_mm: float | None = None
+    finish: str = ""
 
     def __post_init__(self) -> None:
         if not self.name.strip() or self.name != self.name.strip() or not self.name.isprintable():
             msg = f"a feature needs a printable name without blanks at its ends, got {self.name!r}"
+            raise FeatureError(msg)
+        if self.finish != self.finish.strip() or not self.finish.isprintable():
+            msg = (
+                f"feature {self.name!r}: its finish must be a printable name without blanks at its "
+                f"ends, or empty, got {self.finish!r}"
+            )
             raise FeatureError(msg)
         fault = self._fault()
         if fault:

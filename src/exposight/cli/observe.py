@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import numpy as np
+import polars as pl
 from cyclopts import Group, Parameter
 from numpy.typing import NDArray
 
@@ -121,6 +122,7 @@ def observe_command(
     /,
     *,
     output: Annotated[Path, Parameter(alias="-o")] = Path("observations.csv"),
+    finish: str | None = None,
     tolerance: Annotated[cell.RingTolerance, _REGION] = cell.PAPER_TOLERANCE,
     single: SingleCapture = _NO_CAPTURE,
 ) -> Result:
@@ -144,12 +146,20 @@ def observe_command(
         A campaign's folder.
     output
         Observation table to write: .csv or .parquet.
+    finish
+        Name of the surface that all features are on, such as primer; by default what the campaign
+        says of each.
     """
+    if finish is not None and not finish.strip():
+        msg = "--finish needs the name of a surface, such as primer"
+        raise UsageError(msg)
     inputs = (single.image, single.cloud, single.features, single.pose)
     file = Written.at(output, "observations", inputs=inputs)
     source = _source(campaign, single)
     with progress_bars() as progress:
         table = observe_campaign(source, tolerance, progress=progress)
+    if finish is not None:
+        table = ObservationTable(frame=table.frame.with_columns(finish=pl.lit(finish.strip())))
     table.write(output)
     emulated = int(table.frame["emulated"].sum())
     return Result(

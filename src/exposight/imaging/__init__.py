@@ -11,5 +11,6 @@ from exposight.imaging.sequence_files import (
     sequence_to_toml,
 )
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+from exposight.imaging.stacks import mean_image, stack_images, window_images
 from exposight.imaging.stereo import StereoLimits, match_pair
 from exposight.imaging.triangulation import depth_noise_mm, triangulate

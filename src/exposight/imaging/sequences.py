@@ -283,6 +283,20 @@ class PatternSequence:
         return slides
 
     @property
+    def finest_frames(self) -> tuple[int, ...]:
+        """Frames of the finest pattern: all steps of a fringe, or a bit and its inverse.
+
+        Where a Gray code has no inverse frames they are the white and the black one. Their mean is
+        what is lit evenly.
+        """
+        _, coding, _ = self.axes()[0]
+        if coding.fringes or coding.gray_code is None:
+            return coding.fringes[-1].frames
+        if coding.gray_code.inverse_frames:
+            return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
+        return tuple(f for f in (self.white_frame, self.black_frame) if f is not None)
+
+    @property
     def n_frames(self) -> int:
         """Number of frames that a recording must have."""
         return max(self._used_frames()) + 1

@@ -334,8 +334,12 @@ def _captures_there(
 
 def _write_table(campaign: CampaignFolder) -> None:
     """Write the observations of a campaign's captures, which lie beside them, as one table."""
-    header, rows = b"", []
+    rows: dict[bytes, list[bytes]] = {}
     for number in campaign.numbers:
         header, _, body = campaign.attachments(number)[view_work.OBSERVATIONS_FILE].partition(b"\n")
-        rows.append(body)
-    write_durably(campaign.path / view_work.OBSERVATIONS_FILE, header + b"\n" + b"".join(rows))
+        rows.setdefault(header, []).append(body)
+    tables = [header + b"\n" + b"".join(bodies) for header, bodies in rows.items()]
+    if len(tables) > 1:  # an earlier version, which knew fewer columns, began it
+        frames = [pl.read_csv(table, infer_schema=False) for table in tables]
+        tables = [pl.concat(frames, how="diagonal").write_csv().encode()]
+    write_durably(campaign.path / view_work.OBSERVATIONS_FILE, tables[0] if tables else b"\n")

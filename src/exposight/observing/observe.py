@@ -4,14 +4,16 @@ n_points counts the cloud's points inside the hollow cylinder (Eq. 4), n_pixels 
 ring (Eqs. 6, 7), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in one
 stripe image, and the pose is that of the feature in the sensor's TCP frame. The paper uses the mean
 i_avg alone and names standard deviation and median as promising further inputs (Sect. 3.3.8); they
-come from one histogram, so they cost nothing beside it.
+come from one histogram, so they cost nothing beside it. What the whole frame stack tells of the
+ring (`exposight.cell.StackImages`) goes into columns of its own.
 """
 
 import base64
 import html
 import logging
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
+from exposight.quantities import STACK_PERCENTS
 from exposight.workers import Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
@@ -31,8 +34,14 @@ _TOO_NEAR = 500.0
 """A cloud in m lies 1000 times nearer than one in mm; none in mm lies 500 times too near."""
 
 
+_NO_COLUMNS: Mapping[str, Any] = MappingProxyType({})
+
+
 def observe_capture(
-    capture: cell.Capture, views: tuple[masks.FeatureView, ...], search: masks.PointSearch
+    capture: cell.Capture,
+    views: tuple[masks.FeatureView, ...],
+    search: masks.PointSearch,
+    shared: Mapping[str, Any] = _NO_COLUMNS,
 ) -> list[Observation]:
     """Observe features in one capture.
 
@@ -44,6 +53,8 @@ def observe_capture(
         The features as this capture's view sees them (`view_features`).
     search : PointSearch
         The capture's cloud, made ready for counting (`point_search`).
+    shared : mapping of str to object
+        Columns that all rows share (`Observer` knows sensor and part).
 
     Returns
     -------
@@ -52,7 +63,7 @@ def observe_capture(
     """
     measured = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
     counts = dict(zip(map(id, measured), search.count(measured).tolist(), strict=True))
-    return [_observe(capture, view, counts.get(id(view))) for view in views]
+    return [_observe(capture, view, counts.get(id(view)), shared) for view in views]
 
 
 class Observer:
@@ -67,14 +78,31 @@ class Observer:
         self._part, self._sensor, self._tolerance = part, sensor, tolerance
         self._pose: RigidTransform | None = None
         self._views: tuple[masks.FeatureView, ...] = ()
+        self._shared: dict[str, Any] = {}
 
     def observe(self, capture: cell.Capture) -> list[Observation]:
         """Return an observation of each feature, in the part's order (`observe_capture`)."""
         if capture.camera_from_part != self._pose:
             self._pose = capture.camera_from_part
             self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
+            self._shared = _shared_columns(self._part, self._sensor, self._pose)
         search = masks.point_search(capture.require_cloud(), self._sensor.camera)
-        return observe_capture(capture, self._views, search)
+        return observe_capture(capture, self._views, search, self._shared)
+
+
+def _shared_columns(
+    part: cell.Part, sensor: cell.ActiveSensor, camera_from_part: RigidTransform
+) -> dict[str, Any]:
+    """Return what all rows of a view say of sensor and part."""
+    tcp = sensor.camera_from_tcp
+    numbers = (*tcp.translation_mm.tolist(), *tcp.to_fanuc_wpr())
+    turn_deg = (tcp.inverse() @ camera_from_part).to_fanuc_wpr()
+    return {
+        "sensor": sensor.name,
+        "part": part.name,
+        "tcp": " ".join(f"{number + 0.0:.6g}" for number in numbers),
+        **dict(zip(("part_w_deg", "part_p_deg", "part_r_deg"), turn_deg, strict=True)),
+    }
 
 
 def observe_campaign(
@@ -143,33 +171,39 @@ def _check_unit(
     raise CloudError(msg)
 
 
-def _observe(capture: cell.Capture, view: masks.FeatureView, n_points: int | None) -> Observation:
+def _observe(
+    capture: cell.Capture,
+    view: masks.FeatureView,
+    n_points: int | None,
+    shared: Mapping[str, Any],
+) -> Observation:
     """Make a row; `n_points` is None where the feature cannot be measured."""
-    row = Observation(
+    columns: dict[str, Any] = {"p_norm": None, "i_avg": None}
+    if n_points is not None:
+        columns = {
+            "p_norm": n_points / view.n_pixels,
+            "n_points": n_points,
+            "n_pixels": view.n_pixels,
+            **ring_brightness(capture, view.rows, view.columns),
+        }
+    return Observation(
         feature=view.feature.name,
         view=capture.view,
         exposure_ms=capture.exposure_ms,
-        p_norm=None,
-        i_avg=None,
         visibility=view.visibility.value,
         emulated=capture.emulated,
+        brightness_source=capture.brightness_source,
+        finish=view.feature.finish or None,
         **view.pose,
-    )
-    if n_points is None:
-        return row
-    return replace(
-        row,
-        p_norm=n_points / view.n_pixels,
-        n_points=n_points,
-        n_pixels=view.n_pixels,
-        **ring_brightness(capture, view.rows, view.columns),
+        **columns,
+        **shared,
     )
 
 
 def ring_brightness(
     capture: cell.Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> dict[str, Any]:
-    """Measure the grey values of a mask's pixels in the stripe image.
+    """Measure the grey values of a mask's pixels in the capture's image and its stack.
 
     Parameters
     ----------
@@ -182,7 +216,7 @@ def ring_brightness(
     dict of str to float
         ``i_avg``, the paper's local light intensity, ``i_std``, ``i_median``, ``i_p05``, ``i_p95``
         on the 8-bit scale 0–255, whatever the image's depth, and ``clipped_share``: columns of an
-        observation table.
+        observation table. So are those of the stack (``docs/formats.md``), where there is one.
     """
     full_scale = capture.full_scale
     histogram = np.bincount(capture.image[rows, columns], minlength=full_scale + 1)
@@ -199,7 +233,52 @@ def ring_brightness(
         "i_p05": p05,
         "i_p95": p95,
         "clipped_share": float(histogram[full_scale]) / n,
+        **_ring_stack(capture, rows, columns),
     }
+
+
+def _ring_stack(
+    capture: cell.Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> dict[str, float]:
+    """Measure brightness without the pattern, brightest frame and amplitude of a mask's pixels."""
+    stack = capture.stack
+    images = {} if stack is None else stack.images()
+    if "mean" not in images and capture.brightness_source in cell.EVEN_SOURCES:
+        images["mean"] = capture.image
+    if not images:
+        return {}
+    pixels = rows * capture.image.shape[1] + columns
+    # Radix sort: quicker than histograms where there are few pixels or many levels.
+    values = np.sort([image.ravel()[pixels] for image in images.values()], kind="stable")
+    last = pixels.size - 1
+    position = _SHARES * last
+    below, above = (
+        values[:, np.floor(position).astype(int)],
+        values[:, np.ceil(position).astype(int)],
+    )
+    levels = below + (position - np.floor(position)) * (above - below.astype(np.float64))
+    scale = cell.GREY_MAX / capture.full_scale
+    measured: dict[str, float] = {}
+    for name, grey, of_name in zip(images, values, levels * scale, strict=True):
+        # The swing is twice the amplitude.
+        factor = 0.5 if name == "modulation" else 1.0
+        measured |= dict(zip(_STACK_COLUMNS[name], (factor * of_name).tolist(), strict=True))
+        if name == "mean":
+            measured["i_mean"] = int(grey.sum(dtype=np.int64)) * scale / grey.size
+        elif name == "maximum":
+            n_clipped = grey.size - int(np.searchsorted(grey, capture.full_scale))
+            measured["stack_clipped_share"] = n_clipped / grey.size
+        elif stack is not None and stack.min_modulation is not None:
+            limit = 2.0 * stack.min_modulation / scale
+            measured["low_modulation_share"] = int(np.searchsorted(grey, limit)) / grey.size
+    return measured
+
+
+_SHARES = np.array(STACK_PERCENTS) / 100.0
+_STACK_COLUMNS = {
+    name: tuple(f"{column}_p{percent:02d}" for percent in STACK_PERCENTS)
+    for name, column in (("mean", "i_mean"), ("maximum", "i_max"), ("modulation", "i_mod"))
+}
 
 
 def _percentiles(

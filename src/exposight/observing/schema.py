@@ -7,9 +7,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import SequenceMatcher
+from typing import get_args
 
 import polars as pl
 
+from exposight.cell import BrightnessSource
 from exposight.errors import ExposightError, FormatError, ObservationError
 from exposight.files import unit_hint
 from exposight.observing.masks import Visibility
@@ -48,6 +50,24 @@ class Observation:
         "visible", or the reason why the feature was not measured (`Visibility`).
     emulated : bool
         True where the exposure was emulated from another one.
+    i_mean, i_mean_p05 … i_mean_p95 : float or None
+        Mean and percentiles of the ring's brightness without the pattern, 0–255.
+    i_max_p05 … i_max_p95 : float or None
+        Percentiles of the pixels' brightest frame, 0–255.
+    i_mod_p05 … i_mod_p95 : float or None
+        Percentiles of the weakest amplitude of the patterns, grey levels.
+    stack_clipped_share : float or None
+        Share of the ring's pixels that some frame clips, 0–1.
+    low_modulation_share : float or None
+        Share of the ring's pixels whose amplitude is below the decoder's limit, 0–1.
+    brightness_source : str or None
+        What the capture's image is (`exposight.cell.BrightnessSource`).
+    sensor, part, finish : str or None
+        Names; the finish is that of the surface that the feature is on.
+    tcp : str or None
+        ``camera_from_tcp`` as "x y z w p r" in mm and degrees.
+    part_w_deg, part_p_deg, part_r_deg : float or None, degrees
+        Orientation of the part in the TCP frame.
     extra : mapping of str to number, text or truth value
         Further columns by name, with their units in their names.
     """
@@ -74,11 +94,38 @@ class Observation:
     incidence_deg: float = math.nan
     visibility: str = Visibility.VISIBLE.value
     emulated: bool = False
+    i_mean: float | None = None
+    i_mean_p05: float | None = None
+    i_mean_p25: float | None = None
+    i_mean_p50: float | None = None
+    i_mean_p75: float | None = None
+    i_mean_p95: float | None = None
+    i_max_p05: float | None = None
+    i_max_p25: float | None = None
+    i_max_p50: float | None = None
+    i_max_p75: float | None = None
+    i_max_p95: float | None = None
+    i_mod_p05: float | None = None
+    i_mod_p25: float | None = None
+    i_mod_p50: float | None = None
+    i_mod_p75: float | None = None
+    i_mod_p95: float | None = None
+    stack_clipped_share: float | None = None
+    low_modulation_share: float | None = None
+    brightness_source: str | None = None
+    sensor: str | None = None
+    part: str | None = None
+    finish: str | None = None
+    tcp: str | None = None
+    part_w_deg: float | None = None
+    part_p_deg: float | None = None
+    part_r_deg: float | None = None
     extra: Mapping[str, float | str | bool | None] = field(default_factory=dict)
 
 
 _TYPES: dict[str, type[pl.DataType]] = {
     "str": pl.String,
+    "str | None": pl.String,
     "float": pl.Float64,
     "float | None": pl.Float64,
     "int | None": pl.Int64,
@@ -104,7 +151,9 @@ def check_names(names: Sequence[str], required: Sequence[str] = ()) -> None:
     check_columns_present(names, required)
     absent = [name for name in SCHEMA if name not in names]
     for name in names:
-        meant = None if name in SCHEMA else _misspelt(name, absent)
+        # A further word makes another column of it: part_id is no slip of part.
+        others = [other for other in absent if not name.startswith(f"{other}_")]
+        meant = None if name in SCHEMA else _misspelt(name, others)
         if meant:
             msg = f"unknown column {name!r}; did you mean {meant!r}?"
             raise FormatError(msg)
@@ -225,6 +274,8 @@ def check_frame(frame: pl.DataFrame) -> None:
         if scale is not None and scale.unit.startswith("grey") and name != "i_std":
             on_scale = column.is_between(scale.low or 0.0, scale.high or 255.0)
             _refuse(column, ~on_scale, "grey levels 0–255")
+        if name.endswith("_share"):
+            _refuse(column, ~column.is_between(0, 1), "a share, 0–1, of the ring's pixels")
     _refuse(frame["exposure_ms"], frame["exposure_ms"] <= 0, "values above 0")
     _refuse(frame["radius_mm"], frame["radius_mm"] < 0, "values of at least 0")
     _refuse(
@@ -235,8 +286,9 @@ def check_frame(frame: pl.DataFrame) -> None:
     unlit = frame["p_norm"].is_not_null() & frame["i_avg"].is_null()
     _refuse(frame["i_avg"], unlit, "a value in every row that has a p_norm")
     reasons = [reason.value for reason in Visibility]
-    unknown = ~frame["visibility"].is_in(reasons)
-    _refuse(frame["visibility"], unknown, f"one of {', '.join(map(repr, reasons))}")
+    for name, known in (("visibility", reasons), ("brightness_source", get_args(BrightnessSource))):
+        unknown = ~frame[name].is_in(known)
+        _refuse(frame[name], unknown, f"one of {', '.join(map(repr, known))}")
 
 
 def _refuse(

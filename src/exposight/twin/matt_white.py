@@ -112,7 +112,7 @@ class _WhitePlate:
             shown = [0]
         else:
             (stack,) = model.frames(self._light, exposure_ms, seed)
-            frames, shown = stack.frames, list(sensors.image_frames(model.sequence))
+            frames, shown = stack.frames, list(model.sequence.finest_frames)
         top = full_scale(model.electronics.bit_depth)
         return float(frames[shown].mean()), float((frames == top).any(axis=0).mean())
 

@@ -315,11 +315,11 @@ class PlateBench:
             return _Pixels(
                 depth, np.full(depth.size, np.nan), np.float64(shown) * capture.image.ravel()
             )
-        camera, frames = model.electronics, list(sensors.image_frames(model.sequence))
+        camera, frames = model.electronics, list(model.sequence.finest_frames)
         parts = []
         stacks = model.frames(view.light, exposure_ms, seed)
         for tile, stack in zip(view.light.tiles, stacks, strict=True):
-            cloud, noise_mm = model.points(stack, tile.box, with_noise=True)
+            cloud, noise_mm = model.points(model.decode(stack), tile.box, with_noise=True)
             grey = stack.frames[frames].mean(axis=0)
             electrons = np.maximum(grey - camera.black, 0.0) / camera.gain
             variance = camera.read_noise_e**2 + electrons + 1.0 / (12.0 * camera.gain**2)

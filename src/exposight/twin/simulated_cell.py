@@ -123,8 +123,8 @@ class SimulatedCell:
 
     @property
     def part(self) -> Part:
-        """The part with all its features."""
-        return self.scene.part
+        """The part with all its features, which name the finish that they are on."""
+        return _part(self.settings.scene, self.settings.finishes)
 
     @property
     def scene(self) -> Scene:
@@ -260,6 +260,11 @@ def _scene(folder: Path | None, finishes: Finishes) -> Scene:
     if finishes != Finishes():
         return _scene(folder, Finishes()).with_finishes(finishes)
     return door() if folder is None else read_scene(folder)
+
+
+@lru_cache(maxsize=2)
+def _part(folder: Path | None, finishes: Finishes) -> Part:
+    return scene_at(folder, finishes).part_with_finishes()
 
 
 @lru_cache(maxsize=2)

@@ -20,7 +20,6 @@ from exposight.imaging import (
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
 from exposight.twin.sensors import StripeSensor, ring_boxes
-from exposight.twin.sensors.patterns import image_frames
 
 HOLES = ((-25.0, -12.0, 4.0), (15.0, 10.0, 7.0))
 SEED = (1, 2, 3)
@@ -161,9 +160,10 @@ def test_without_inverse_frames_a_gray_codes_image_is_the_mean_of_white_and_blac
     sequence = replace(
         stripes.sequence, columns=AxisCoding(gray_code=bits), white_frame=0, black_frame=1
     )
-    assert image_frames(sequence) == (0, 1)
+    assert sequence.finest_frames == (0, 1)
     inverses = replace(bits, inverse_frames=tuple(range(13, 24)))
-    assert image_frames(replace(sequence, columns=AxisCoding(gray_code=inverses))) == (12, 23)
+    sequence = replace(sequence, columns=AxisCoding(gray_code=inverses))
+    assert sequence.finest_frames == (12, 23)
 
 
 def test_the_sensitivity_follows_the_rule(small_sensor, plate, before) -> None:

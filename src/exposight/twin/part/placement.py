@@ -65,6 +65,29 @@ def check_placement(
     raise FeatureError(msg)
 
 
+def faces_under(
+    part: Part, vertices: NDArray[np.float64], faces: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return points on the middle line of each feature's ring, and the triangle nearest to each.
+
+    Parameters
+    ----------
+    part, vertices, faces
+        As for `check_placement`.
+
+    Returns
+    -------
+    (k, n, 3) ndarray, mm
+        In the part's frame.
+    (k, n) ndarray of int
+        Indices into `faces`; −1 where no triangle is as near as the measured region reaches.
+    """
+    points, reaches_mm = _ring_middles(part.features)
+    nearest = np.full(points.shape[:2], -1, dtype=np.int64)
+    _find_nearest(vertices, faces, points, reaches_mm, nearest)
+    return points, nearest
+
+
 def _spelled(point: NDArray[np.float64]) -> str:
     return "(" + ", ".join(f"{number:.6g}" for number in point) + ")"
 
@@ -73,6 +96,13 @@ def _on_surface(
     features: Sequence[Feature], vertices: NDArray[np.float64], faces: NDArray[np.int32]
 ) -> NDArray[np.bool_]:
     """Tell for each feature whether the surface comes near the middle line of its ring."""
+    near = np.zeros(len(features), dtype=np.bool_)
+    _find_near(vertices, faces, *_ring_middles(features), near)
+    return near
+
+
+def _ring_middles(features: Sequence[Feature]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (k, n, 3) on the middle lines of the rings, and half the regions' heights."""
     middles, reaches_mm = [], []
     for feature in features:
         region = feature.measured_region()
@@ -80,9 +110,7 @@ def _on_surface(
         middle = replace(region, inner_mm=0.0, outer_mm=middle_mm).outline()[::8]
         middles.append(feature.part_from_feature.apply(middle))
         reaches_mm.append(region.height_mm / 2)
-    near = np.zeros(len(features), dtype=np.bool_)
-    _find_near(vertices, faces, np.array(middles), np.array(reaches_mm), near)
-    return near
+    return np.array(middles), np.array(reaches_mm)
 
 
 @njit(parallel=True, error_model="numpy")
@@ -113,6 +141,34 @@ def _find_near(
                     break
             if near[k]:
                 break
+
+
+@njit(parallel=True, error_model="numpy")
+def _find_nearest(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    points: NDArray[np.float64],
+    reaches: NDArray[np.float64],
+    nearest: NDArray[np.int64],
+) -> None:
+    """Fill the index of the triangle nearest to each point (k, n, 3), of those in reach."""
+    for k in numba.prange(len(points)):
+        low, high = np.empty(3), np.empty(3)
+        for j in range(3):
+            low[j] = points[k, :, j].min() - reaches[k]
+            high[j] = points[k, :, j].max() + reaches[k]
+        least = np.full(points.shape[1], reaches[k] ** 2)
+        for i in range(len(faces)):
+            a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
+            apart = False
+            for j in range(3):
+                apart |= max(a[j], b[j], c[j]) < low[j] or min(a[j], b[j], c[j]) > high[j]
+            if apart:
+                continue
+            for p in range(points.shape[1]):
+                squared = _squared_distance(points[k, p], a, b, c)
+                if squared <= least[p]:
+                    least[p], nearest[k, p] = squared, i
 
 
 @njit(error_model="numpy")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.cell import Part
 from exposight.twin.part.corner_normals import CREASE_DEG, corner_normals
-from exposight.twin.part.finishes import Finishes, Zone
+from exposight.twin.part.finishes import Finishes, Zone, finish_at, zone_table
 from exposight.twin.part.mesh_files import mesh_fault
-from exposight.twin.part.placement import check_placement
+from exposight.twin.part.placement import check_placement, faces_under
 from exposight.twin.part.surfaces import SURFACES, Surface
 
 
@@ -95,6 +95,21 @@ class Scene:
         )
         zones = (*(() if finishes.finish else self.zones), *finishes.zones)
         return replace(self, face_finish=finish, surfaces=surfaces, zones=zones)
+
+    def part_with_finishes(self) -> Part:
+        """Return the part whose features name the finish under most of their ring."""
+        points, nearest = faces_under(self.part, self.vertices, self.part_faces)
+        zones, names = zone_table(self.zones, self.surfaces), tuple(self.surfaces)
+        features = []
+        for feature, ring, faces in zip(self.part.features, points, nearest, strict=True):
+            finishes = [
+                finish_at(zones, tuple(point), self.face_finish[face])
+                for point, face in zip(ring.tolist(), faces, strict=True)
+                if face >= 0
+            ]
+            finish = names[max(finishes, key=finishes.count)] if finishes else ""
+            features.append(replace(feature, finish=finish))
+        return replace(self.part, features=tuple(features))
 
     @property
     def part_faces(self) -> NDArray[np.int32]:

@@ -3,7 +3,6 @@
 from exposight.twin.sensors.active_stereo import DotSensor
 from exposight.twin.sensors.exposure import CameraElectronics, expose
 from exposight.twin.sensors.flat_fields import FlatFields, take_flat_fields
-from exposight.twin.sensors.patterns import image_frames
 from exposight.twin.sensors.settings import (
     SensorSettings,
     electrons_on_matt_white,

@@ -15,6 +15,7 @@ from exposight.cell import ActiveSensor, Capture
 from exposight.errors import SensorError
 from exposight.geometry import RigidTransform
 from exposight.imaging.rectification import RectifiedPair, rectify
+from exposight.imaging.stacks import window_images
 from exposight.imaging.stereo import StereoLimits, match_pair
 from exposight.twin.light import LightModel, SceneTracer, projector_of, trace_view
 from exposight.twin.random_numbers import stream_key
@@ -193,7 +194,9 @@ class DotSensor:
         Returns
         -------
         Capture
-            With the first camera's image (Sect. 4.2.1 of the paper) and a cloud organised like it.
+            With the first camera's image (Sect. 4.2.1 of the paper), what the matching window
+            shows of it round each pixel (`exposight.imaging.window_images`), and a cloud organised
+            like it.
 
         Raises
         ------
@@ -208,6 +211,8 @@ class DotSensor:
             view=view,
             exposure_ms=exposure_ms,
             image=images[0],
+            brightness_source="dots",
+            stack=window_images(images[0], self.matching),
             cloud=cloud,
             camera_from_part=light.camera_from_part,
             attachments=frame_files(images if raw_frames else ()),

@@ -53,23 +53,6 @@ STRIPES = fringe_sequence((1, 8, 64), projector_of(sensor_preset("comet-pro-ae")
 """Stripes of the twin's first prototype, over the 1920 columns of the paper's sensor's preset."""
 
 
-def image_frames(sequence: PatternSequence) -> tuple[int, ...]:
-    """Return the frames of the finest pattern: all steps of a fringe, or a bit and its inverse.
-
-    Where a Gray code has no inverse frames they are the white and the black one.
-
-    Their mean is what is lit evenly. The paper averages brightness in a stripe pattern and does not
-    say which; Table 9's largest brightness at p_norm ≥ 0.75, 125 to 133, is that of their mean
-    (in one image of 64 periods it would be 155 to 162).
-    """
-    _, coding, _ = sequence.axes()[0]
-    if coding.fringes or coding.gray_code is None:
-        return coding.fringes[-1].frames
-    if coding.gray_code.inverse_frames:
-        return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
-    return tuple(f for f in (sequence.white_frame, sequence.black_frame) if f is not None)
-
-
 def projected(sequence: PatternSequence, contrast: float) -> Patterns:
     """Return what a projector shows.
 

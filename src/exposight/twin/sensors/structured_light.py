@@ -2,7 +2,12 @@
 
 Frames go through `exposight.imaging`, the code that decodes recordings; a pixel has no point where
 a sample clipped, where the stripes modulate it by too little, or where coarse and fine phases
-disagree. The capture's image, in which brightness is averaged, is the mean of the finest images.
+disagree.
+
+The capture's image, in which brightness is averaged, is the mean of the finest pattern's images.
+The paper averages brightness in a stripe pattern and does not say which; Table 9's largest
+brightness at p_norm ≥ 0.75, 125 to 133, is that of their mean (in one image of 64 periods it would
+be 155 to 162).
 """
 
 from __future__ import annotations
@@ -16,10 +21,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX, ActiveSensor, Capture, Cloud, Image, Part, full_scale
+from exposight.cell import (
+    GREY_MAX,
+    ActiveSensor,
+    Capture,
+    Cloud,
+    Image,
+    Part,
+    StackImages,
+    full_scale,
+)
 from exposight.errors import ImageError, SensorError
 from exposight.geometry import PixelBox, ProjectorCamera, RigidTransform
 from exposight.imaging import (
+    DecodedMap,
     DecodingLimits,
     FrameStack,
     Fringe,
@@ -27,6 +42,7 @@ from exposight.imaging import (
     decode,
     depth_noise_mm,
     sequence_to_toml,
+    stack_images,
     triangulate,
 )
 from exposight.observing import Visibility, view_features
@@ -41,7 +57,6 @@ from exposight.twin.sensors.exposure import CameraElectronics, expose, frame_fil
 from exposight.twin.sensors.patterns import (
     STRIPES,
     Patterns,
-    image_frames,
     projected,
 )
 from exposight.twin.sensors.settings import STRIPE_LIMITS, BrightnessImage
@@ -65,7 +80,7 @@ class StripeSensor:
     sequence : PatternSequence, optional
         What is projected; `STRIPES` over the projector's columns by default.
     image : {'mean', 'first'}
-        A capture's image: the mean of `image_frames`, or the first of them.
+        A capture's image: the mean of `PatternSequence.finest_frames`, or the first of them.
     limits : DecodingLimits
         When a pixel counts as decoded.
     max_depth_noise_mm : float, mm, optional
@@ -229,6 +244,7 @@ class StripeSensor:
         Capture
             Of a whole frame with an organised cloud; where only boxes were traced, the image is 0
             outside them and the cloud is the plain list of their points, in the camera's frame.
+            Its stack images are those of `exposight.imaging.stack_images`.
 
         Raises
         ------
@@ -236,35 +252,59 @@ class StripeSensor:
             If the sensor cannot take this exposure time.
         """
         stacks = self.frames(light, exposure_ms, seed)
-        tiles = zip(light.tiles, stacks, strict=True)
-        clouds = [self.points(stack, tile.box)[0] for tile, stack in tiles]
+        clouds, pieces = [], []
+        for tile, stack in zip(light.tiles, stacks, strict=True):
+            decoded = self.decode(stack)
+            clouds.append(self.points(decoded, tile.box)[0])
+            pieces.append(stack_images(stack, self.sequence, decoded, self.limits))
         if light.is_whole:
             cloud = clouds[0]
         else:
             points = [np.empty((0, 3), dtype=np.float32), *(c.valid_points for c in clouds)]
             cloud = Cloud(points=np.concatenate(points))
-        shown = image_frames(self.sequence)
+        whole = {
+            name: self._whole_frame(light, [piece.images()[name] for piece in pieces])
+            for name in ("mean", "maximum", "modulation")
+        }
+        image = mean = whole.pop("mean")
+        is_mean = self.image == "mean"
+        if not is_mean:
+            first = self.sequence.finest_frames[0]
+            image = self._whole_frame(light, [stack.frames[first] for stack in stacks])
         frames = range(self.sequence.n_frames) if raw_frames else ()
         return Capture(
             view=view,
             exposure_ms=exposure_ms,
-            image=self.whole_frame(light, stacks, *(shown if self.image == "mean" else shown[:1])),
+            image=image,
+            brightness_source="stripes-mean" if is_mean else "stripe",
+            stack=StackImages(
+                mean=None if is_mean else mean,
+                maximum=whole["maximum"],
+                modulation=whole["modulation"],
+                min_modulation=self.limits.min_modulation,
+            ),
             bit_depth=self.electronics.bit_depth,
             cloud=cloud,
             camera_from_part=light.camera_from_part,
             notes="" if light.is_whole else "only the neighbourhoods of the rings were taken",
-            attachments=frame_files(self.whole_frame(light, stacks, i) for i in frames),
+            attachments=frame_files(
+                self._whole_frame(light, [stack.frames[i] for stack in stacks]) for i in frames
+            ),
         )
 
+    def decode(self, stack: FrameStack) -> DecodedMap:
+        """Decode frames as `frames` took them."""
+        return decode(stack, self.sequence, self.limits)
+
     def points(
-        self, stack: FrameStack, box: PixelBox, *, with_noise: bool = False
+        self, decoded: DecodedMap, box: PixelBox, *, with_noise: bool = False
     ) -> tuple[Cloud, NDArray[np.float64]]:
-        """Decode and triangulate a rectangle of pixels.
+        """Triangulate a rectangle of pixels.
 
         Parameters
         ----------
-        stack : FrameStack
-            As `frames` took it.
+        decoded : DecodedMap
+            Of its frames (`decode`).
         box : PixelBox
             The pixels.
         with_noise : bool
@@ -283,7 +323,6 @@ class StripeSensor:
             "projector": projector.camera,
             "projector_from_camera": projector.camera_from_projector.inverse(),
         }
-        decoded = decode(stack, self.sequence, self.limits)
         cloud = triangulate(decoded, camera=self.sensor.camera, window=box, **poses)
         limit_mm = self.max_depth_noise_mm
         if not self._fringes or (limit_mm is None and not with_noise):
@@ -301,27 +340,17 @@ class StripeSensor:
         """Noise of a half full pixel: a filter knows its camera's noise, not each sample's."""
         return math.sqrt(self.electronics.read_noise_e**2 + self.electronics.full_well_e / 2)
 
-    def whole_frame(self, light: StripeLight, stacks: Sequence[FrameStack], *frames: int) -> Image:
-        """Return one of the frames, or the mean of several, in the camera's size.
-
-        Parameters
-        ----------
-        light : StripeLight
-            The view's light.
-        stacks : sequence of FrameStack
-            As `frames` took them.
-        *frames : int
-            Which ones, from 0. The image is 0 where no tile is.
-        """
+    def _whole_frame(self, light: StripeLight, pieces: Sequence[Image]) -> Image:
+        """Put the tiles' images together in the camera's size; 0 where no tile is."""
+        if light.is_whole:
+            return pieces[0]
         size = (self.sensor.camera.height, self.sensor.camera.width)
         image: Image = np.zeros(
             size, dtype=np.uint8 if self.electronics.bit_depth == 8 else np.uint16
         )
-        n = len(frames)
-        for tile, stack in zip(light.tiles, stacks, strict=True):
+        for tile, piece in zip(light.tiles, pieces, strict=True):
             box = tile.box
-            total = stack.frames[list(frames)].sum(axis=0, dtype=np.uint32)
-            image[box.top : box.bottom, box.left : box.right] = (total + n // 2) // n
+            image[box.top : box.bottom, box.left : box.right] = piece
         return image
 
 
