@@ -1,6 +1,8 @@
 """The laws that every kernel obeys, on random trees over three columns."""
 
 import json
+from dataclasses import dataclass
+from typing import ClassVar
 from unittest import mock
 
 import numpy as np
@@ -13,12 +15,15 @@ from exposight.gp import (
     ChangePoint,
     Exponential,
     Kernel,
+    Leaf,
     Linear,
     Matern32,
     Matern52,
+    Quantity,
     RationalQuadratic,
     SquaredExponential,
     kernel_from_dict,
+    register_kernel,
     tiling,
 )
 from exposight.gp.likelihood import MarginalLikelihood
@@ -30,6 +35,35 @@ ROUNDING = 1e-12
 FINITE_DIFFERENCE = 1e-7
 
 COLUMNS = 3
+
+
+@register_kernel
+@dataclass(frozen=True, kw_only=True)
+class Slopes(Leaf):
+    """A kernel that exposight does not know, sum_d sigma_d² |x_d x'_d|^power."""
+
+    variances: tuple[float, ...]
+    power: float
+    dims: tuple[int, ...]
+    fixed: tuple[str, ...] = ()
+    type_name: ClassVar[str] = "tests/slopes"
+    quantities = {"variances": Quantity.SLOPE_VARIANCE, "power": Quantity.ALPHA}  # noqa: RUF012
+
+    def parts(self, x, y):
+        product = np.abs(x[:, None, self.dims] * y[None, :, self.dims])
+        return product, np.array(self.variances) * product**self.power
+
+    def fill(self, x, y, out):
+        out[:] = self.parts(x, y)[1].sum(axis=2)
+
+    def derivatives(self, x, y, weights):
+        product, terms = self.parts(x, y)
+        by_power = self.power * terms * np.log(product)
+        return np.append(np.einsum("ij,ijd->d", weights, terms), np.sum(weights * by_power.sum(2)))
+
+    def prior_variance(self, x):
+        return np.abs(x[:, self.dims]) ** (2 * self.power) @ np.array(self.variances)
+
 
 positive = st.floats(0.2, 5.0)
 dims = st.lists(st.integers(0, COLUMNS - 1), min_size=1, max_size=COLUMNS, unique=True)
@@ -69,6 +103,17 @@ change_points = st.builds(
     maximum=st.floats(0.5, 2.0),
 )
 
+
+@st.composite
+def slopes(draw: st.DrawFn) -> Kernel:
+    return Slopes(
+        variances=tuple(draw(st.lists(positive, min_size=2, max_size=2))),
+        power=draw(st.floats(0.5, 1.5)),
+        dims=(2, 0),
+        fixed=draw(st.sampled_from([(), ("power",), ("variances",)])),
+    )
+
+
 categories = st.builds(
     Category,
     variance=positive,
@@ -77,7 +122,7 @@ categories = st.builds(
 )
 
 kernels = st.recursive(
-    st.one_of(stationary(), linear(), change_points, categories),
+    st.one_of(stationary(), linear(), change_points, categories, slopes()),
     lambda children: st.one_of(
         st.tuples(children, children).map(lambda pair: pair[0] * pair[1]),
         st.tuples(children, children).map(lambda pair: pair[0] + pair[1]),

@@ -309,7 +309,10 @@ def other_parameter(fields):
         (other_target, r"'x_mm' is in 'ms', expected 'mm'"),
         (other_input, r"a column for each of 1 inputs, got shape \(60, 2\)"),
         (lambda fields: fields.update(kind="oracle"), r"unknown kind of model 'oracle'.*import"),
-        (other_kernel, r"unknown kernel type 'neural_network'.*A newer version may have written"),
+        (
+            other_kernel,
+            r"unknown kernel type 'neural_network'.*a newer version of exposight may have written",
+        ),
         (other_parameter, r"alpha"),
         (
             lambda fields: fields["content"].pop("noise_variance"),

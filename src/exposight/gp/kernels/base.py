@@ -1,7 +1,8 @@
-"""The contract of a covariance function, its leaves, and the products and sums of them."""
+"""The contract of a covariance function, and the products and sums of kernels."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from exposight.errors import InputError
+from exposight.gp.kernels.descriptions import build, describe, register_kernel
 from exposight.gp.observations import BoolArray, FloatArray, check_inputs
 from exposight.gp.tiling import fill_tiles, tile
 
@@ -77,9 +79,15 @@ class Kernel(ABC):
     def _with_logs(self, logs: FloatArray) -> Self:
         """Do the work of `with_log_parameters`."""
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Describe the tree with what JSON can hold; `kernel_from_dict` reads it back."""
+        """Describe the tree with what JSON can hold; `kernel_from_dict` reads it back.
+
+        Raises
+        ------
+        InputError
+            If a kernel's type is not registered (`register_kernel`), or a field does not fit JSON.
+        """
+        return describe(self)
 
     @abstractmethod
     def fill(self, x: FloatArray, y: FloatArray, out: FloatArray) -> None:
@@ -212,40 +220,6 @@ class Kernel(ABC):
         return Sum(terms=(self, other))
 
 
-class Leaf(Kernel):
-    """A kernel that is not composed of others."""
-
-    @property
-    @abstractmethod
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """The kernel's hyperparameters, named without the kernel's name."""
-
-    @abstractmethod
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        """Return the kernel with these values of all of its hyperparameters."""
-
-    def _with_logs(self, logs: FloatArray) -> Self:
-        values = iter(np.exp(logs))
-        return self._with_values(
-            tuple(
-                float(next(values)) if parameter.free else parameter.value
-                for parameter in self.hyperparameters
-            )
-        )
-
-    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
-        """See `Kernel.leaves`."""
-        return ((self.type_name, self.hyperparameters),)
-
-    def closed(self, x: FloatArray) -> BoolArray:
-        """See `Kernel.gate`."""
-        return np.zeros(len(x), dtype=np.bool_)
-
-    @cached_property
-    def _free(self) -> BoolArray:
-        return np.array([parameter.free for parameter in self.hyperparameters], dtype=np.bool_)
-
-
 class _Composite(Kernel):
     """A kernel composed of others, which one of its fields holds."""
 
@@ -285,11 +259,8 @@ class _Composite(Kernel):
         )
         return replace(self, **{self._field: children})  # type: ignore[type-var]  # a dataclass
 
-    def to_dict(self) -> dict[str, Any]:
-        """See `Kernel.to_dict`."""
-        return {"type": self.type_name, self._field: [child.to_dict() for child in self._children]}
 
-
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Product(_Composite):
     """Product of kernels, k(x, x') = k_1(x, x') k_2(x, x') …, Eq. 21 of the paper.
@@ -355,6 +326,7 @@ class Product(_Composite):
         return out
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Sum(_Composite):
     """Sum of kernels, k(x, x') = k_1(x, x') + k_2(x, x') + ….
@@ -394,3 +366,22 @@ class Sum(_Composite):
         """See `Kernel.gate`: closed only where all terms are."""
         out: BoolArray = np.all([term.closed(x) for term in self.terms], axis=0)
         return out
+
+
+def kernel_from_dict(description: Mapping[str, Any]) -> Kernel:
+    """Build the kernel that `Kernel.to_dict` described.
+
+    Parameters
+    ----------
+    description : mapping
+        ``type`` and the fields of the kernel; ``factors`` or ``terms`` hold descriptions. A type
+        that is not exposight's also names the ``module`` that defines it, which is never imported
+        on a file's behalf.
+
+    Raises
+    ------
+    InputError
+        If the type is unknown, a key is missing or unexpected, or a value cannot be right.
+    """
+    kernel: Kernel = build(description)
+    return kernel

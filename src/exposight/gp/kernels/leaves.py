@@ -1,17 +1,19 @@
-"""Kernels of no distance, and kernels of every kind read back from descriptions."""
+"""The base of kernels that are not composed, and those of them that know no distance."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp import observations
-from exposight.gp.kernels import stationary
-from exposight.gp.kernels.base import Kernel, Leaf, Parameter, Product, Quantity, Sum
+from exposight.gp.kernels.base import Kernel, Parameter, Quantity
+from exposight.gp.kernels.descriptions import register_kernel
 from exposight.gp.kernels.loops import (
     close_between_categories,
     close_outside,
@@ -19,6 +21,115 @@ from exposight.gp.kernels.loops import (
 )
 
 
+class Leaf(Kernel):
+    """A kernel that is not composed of others: a frozen dataclass, registered by `register_kernel`.
+
+    It has a `type_name`, a field `dims` or `dim` for the columns that it reads, and the methods
+    `fill`, `derivatives` and `prior_variance`. Checks, names, limits and files follow from its
+    fields and `quantities`.
+
+    Attributes
+    ----------
+    quantities : mapping of str to Quantity
+        Names of the fields that hold hyperparameters, and what these measure. A field holds one
+        number, or a tuple of one for each of `dims`, or of one for all.
+    fixed : tuple of str
+        Which of these fields fitting leaves alone; a field too, where that may be chosen.
+    """
+
+    quantities: ClassVar[Mapping[str, Quantity]] = MappingProxyType({})
+    fixed: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        kernel = type(self).__name__
+        dims = observations.check_dims(self.columns, kernel=kernel)
+        if "dims" in vars(self):
+            object.__setattr__(self, "dims", dims)
+        for name in self.quantities:
+            value = getattr(self, name)
+            checked = observations.check_positive(value, name=f"{kernel}.{name}")
+            object.__setattr__(self, name, checked if np.ndim(value) else checked[0])
+        allowed = tuple(self.quantities)
+        fixed = observations.check_fixed(self.fixed, allowed=allowed, kernel=kernel)
+        object.__setattr__(self, "fixed", fixed)
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of the inputs that this kernel reads: its field `dims`, or `dim`."""
+        values = vars(self)
+        dims: tuple[int, ...] = values["dims"] if "dims" in values else (values["dim"],)
+        return dims
+
+    @abstractmethod
+    def derivatives(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
+        """Sum the weighted derivatives of a tile for all hyperparameters, fixed ones included.
+
+        Arguments and result are those of `Kernel.weigh`, in the order of `hyperparameters`.
+        """
+
+    @property
+    def hyperparameters(self) -> tuple[Parameter, ...]:
+        """The kernel's hyperparameters, named without the kernel's name."""
+        parameters: list[Parameter] = []
+        for name, quantity in self.quantities.items():
+            value = getattr(self, name)
+            values = value if isinstance(value, tuple) else (value,)
+            short = name.removesuffix("s") if isinstance(value, tuple) else name
+            several = len(values) > 1
+            parameters += [
+                Parameter(
+                    name=f"{short}[{dims[0]}]" if several else short,
+                    value=each,
+                    quantity=quantity,
+                    dims=dims,
+                    free=name not in self.fixed,
+                )
+                for each, dims in zip(
+                    values,
+                    ((dim,) for dim in self.columns) if several else (self.columns,),
+                    strict=True,
+                )
+            ]
+        return tuple(parameters)
+
+    def _with_logs(self, logs: observations.FloatArray) -> Self:
+        values = iter(np.exp(logs).tolist())
+        changes: dict[str, Any] = {}
+        for name in self.quantities:
+            value = getattr(self, name)
+            if name not in self.fixed:
+                several = isinstance(value, tuple)
+                changes[name] = tuple(next(values) for _ in value) if several else next(values)
+        return replace(self, **changes)  # type: ignore[type-var]  # a dataclass
+
+    def leaves(self) -> tuple[tuple[str, tuple[Parameter, ...]], ...]:
+        """See `Kernel.leaves`."""
+        return ((self.type_name, self.hyperparameters),)
+
+    def weigh(
+        self,
+        x: observations.FloatArray,
+        y: observations.FloatArray,
+        weights: observations.FloatArray,
+    ) -> observations.FloatArray:
+        """See `Kernel.weigh`."""
+        return self.derivatives(x, y, weights)[self._free]
+
+    def closed(self, x: observations.FloatArray) -> observations.BoolArray:
+        """See `Kernel.gate`."""
+        return np.zeros(len(x), dtype=np.bool_)
+
+    @cached_property
+    def _free(self) -> observations.BoolArray:
+        return np.array([parameter.free for parameter in self.hyperparameters], dtype=np.bool_)
+
+
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Linear(Leaf):
     """Linear kernel, sum_d sigma_d² x_d x'_d: linear regression through the origin.
@@ -44,53 +155,18 @@ class Linear(Leaf):
     dims: tuple[int, ...]
     fixed: tuple[str, ...] = ()
     type_name: ClassVar[str] = "linear"
+    quantities = MappingProxyType({"variances": Quantity.SLOPE_VARIANCE})
 
     def __post_init__(self) -> None:
-        dims = observations.check_dims(self.dims, kernel="Linear")
-        variances = observations.check_positive(self.variances, name="Linear.variances")
-        if len(variances) != len(dims):
+        super().__post_init__()
+        variances = tuple(np.atleast_1d(self.variances).tolist())
+        if len(variances) != len(self.dims):
             msg = (
-                f"Linear over {len(dims)} dimensions takes as many variances, got {len(variances)}"
+                f"Linear over {len(self.dims)} dimensions takes as many variances, "
+                f"got {len(variances)}"
             )
             raise InputError(msg)
-        object.__setattr__(self, "dims", dims)
         object.__setattr__(self, "variances", variances)
-        object.__setattr__(
-            self,
-            "fixed",
-            observations.check_fixed(self.fixed, allowed=("variances",), kernel="Linear"),
-        )
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Columns of the inputs that this kernel reads."""
-        return self.dims
-
-    @property
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """One variance a dimension."""
-        return tuple(
-            Parameter(
-                name=f"variance[{dim}]",
-                value=variance,
-                quantity=Quantity.SLOPE_VARIANCE,
-                dims=(dim,),
-                free="variances" not in self.fixed,
-            )
-            for dim, variance in zip(self.dims, self.variances, strict=True)
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
-        return {
-            "type": self.type_name,
-            "variances": list(self.variances),
-            "dims": list(self.dims),
-            "fixed": list(self.fixed),
-        }
-
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        return replace(self, variances=values)
 
     def fill(
         self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
@@ -98,15 +174,15 @@ class Linear(Leaf):
         """See `Kernel.fill`."""
         np.matmul(x[:, self.dims] * np.array(self.variances), y[:, self.dims].T, out=out)
 
-    def weigh(
+    def derivatives(
         self,
         x: observations.FloatArray,
         y: observations.FloatArray,
         weights: observations.FloatArray,
     ) -> observations.FloatArray:
-        """See `Kernel.weigh`."""
+        """See `Leaf.derivatives`."""
         products = np.sum(x[:, self.dims] * (weights @ y[:, self.dims]), axis=0)
-        out: observations.FloatArray = (products * np.array(self.variances))[self._free]
+        out: observations.FloatArray = products * np.array(self.variances)
         return out
 
     def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
@@ -115,6 +191,7 @@ class Linear(Leaf):
         return out
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class ChangePoint(Leaf):
     """Change point kernel of Eq. 9 of the paper: 1 where both inputs are in range, else 0.
@@ -141,8 +218,7 @@ class ChangePoint(Leaf):
     type_name: ClassVar[str] = "change_point"
 
     def __post_init__(self) -> None:
-        (dim,) = observations.check_dims((self.dim,), kernel="ChangePoint")
-        object.__setattr__(self, "dim", dim)
+        super().__post_init__()
         limits = [limit for limit in (self.minimum, self.maximum) if limit is not None]
         if not limits or not all(math.isfinite(limit) for limit in limits):
             msg = f"ChangePoint takes a finite minimum, maximum or both, got {limits}"
@@ -150,29 +226,6 @@ class ChangePoint(Leaf):
         if len(limits) == 2 and limits[0] >= limits[1]:
             msg = f"ChangePoint's minimum must lie below its maximum, got {limits}"
             raise InputError(msg)
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Columns of the inputs that this kernel reads."""
-        return (self.dim,)
-
-    @property
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """None."""
-        return ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
-        return {
-            "type": self.type_name,
-            "dim": self.dim,
-            "minimum": self.minimum,
-            "maximum": self.maximum,
-        }
-
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        del values
-        return self
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
@@ -198,13 +251,13 @@ class ChangePoint(Leaf):
         """See `Kernel.multiply`."""
         close_outside(x, y, self.dim, *self._limits, out)
 
-    def weigh(
+    def derivatives(
         self,
         x: observations.FloatArray,
         y: observations.FloatArray,
         weights: observations.FloatArray,
     ) -> observations.FloatArray:
-        """See `Kernel.weigh`: there is nothing to differentiate."""
+        """See `Leaf.derivatives`: there are none."""
         del x, y, weights
         return np.empty(0)
 
@@ -213,6 +266,7 @@ class ChangePoint(Leaf):
         return (~self.closed(x)).astype(np.float64)
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Category(Leaf):
     """An independent effect of each category: variance where x[dim] == x'[dim], else 0.
@@ -240,44 +294,7 @@ class Category(Leaf):
     dim: int
     fixed: tuple[str, ...] = ()
     type_name: ClassVar[str] = "category"
-
-    def __post_init__(self) -> None:
-        (dim,) = observations.check_dims((self.dim,), kernel="Category")
-        (variance,) = observations.check_positive((self.variance,), name="Category.variance")
-        fixed = observations.check_fixed(self.fixed, allowed=("variance",), kernel="Category")
-        object.__setattr__(self, "dim", dim)
-        object.__setattr__(self, "variance", variance)
-        object.__setattr__(self, "fixed", fixed)
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Columns of the inputs that this kernel reads."""
-        return (self.dim,)
-
-    @property
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """The variance."""
-        return (
-            Parameter(
-                name="variance",
-                value=self.variance,
-                quantity=Quantity.VARIANCE,
-                dims=(self.dim,),
-                free="variance" not in self.fixed,
-            ),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
-        return {
-            "type": self.type_name,
-            "variance": self.variance,
-            "dim": self.dim,
-            "fixed": list(self.fixed),
-        }
-
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        return replace(self, variance=values[0])
+    quantities = MappingProxyType({"variance": Quantity.VARIANCE})
 
     def fill(
         self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
@@ -292,89 +309,15 @@ class Category(Leaf):
         """See `Kernel.multiply`."""
         close_between_categories(x, y, self.dim, self.variance, out)
 
-    def weigh(
+    def derivatives(
         self,
         x: observations.FloatArray,
         y: observations.FloatArray,
         weights: observations.FloatArray,
     ) -> observations.FloatArray:
-        """See `Kernel.weigh`."""
-        derivative = self.variance * sum_within_categories(x, y, self.dim, weights)
-        return np.array([derivative])[self._free]
+        """See `Leaf.derivatives`."""
+        return np.array([self.variance * sum_within_categories(x, y, self.dim, weights)])
 
     def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
         """See `Kernel.prior_variance`."""
         return np.full(len(x), self.variance)
-
-
-_KINDS: dict[str, type[Kernel]] = {
-    kind.type_name: kind
-    for kind in (
-        Category,
-        ChangePoint,
-        stationary.Exponential,
-        Linear,
-        stationary.Matern32,
-        stationary.Matern52,
-        Product,
-        stationary.RationalQuadratic,
-        stationary.SquaredExponential,
-        Sum,
-    )
-}
-
-
-def kernel_from_dict(description: Mapping[str, Any]) -> Kernel:
-    """Build the kernel that `Kernel.to_dict` described.
-
-    Parameters
-    ----------
-    description : mapping
-        ``type`` and the fields of the kernel; ``factors`` or ``terms`` hold descriptions.
-
-    Raises
-    ------
-    InputError
-        If the type is unknown, a key is missing or unexpected, or a value cannot be right.
-    """
-    if not isinstance(description, Mapping):
-        msg = f"a kernel is described by a mapping, got {type(description).__name__}"
-        raise InputError(msg)
-    if "type" not in description:
-        msg = f"a kernel's description needs the key 'type', got {sorted(description)}"
-        raise InputError(msg)
-    name = description["type"]
-    kind = _KINDS.get(name) if isinstance(name, str) else None
-    if kind is None:
-        msg = (
-            f"unknown kernel type {name!r}; this version of exposight knows "
-            f"{', '.join(sorted(_KINDS))}. A newer version may have written it"
-        )
-        raise InputError(msg)
-    values = {key: value for key, value in description.items() if key != "type"}
-    _check_keys(values, kind)
-    if issubclass(kind, Product | Sum):
-        (key,) = values
-        values = {key: _children(values[key], f"{key} of a {name}")}
-    return kind(**values)
-
-
-def _check_keys(values: dict[str, Any], kind: type[Kernel]) -> None:
-    known = fields(kind)  # type: ignore[arg-type]  # every kind is a dataclass
-    allowed = {field.name for field in known}
-    missing = {field.name for field in known if field.default is MISSING} - set(values)
-    unexpected = set(values) - allowed
-    if missing or unexpected:
-        msg = (
-            f"the description of a kernel of type {kind.type_name!r} "
-            f"lacks {sorted(missing)} and has the unexpected {sorted(unexpected)}; "
-            f"it holds {sorted(allowed)}"
-        )
-        raise InputError(msg)
-
-
-def _children(descriptions: object, name: str) -> tuple[Kernel, ...]:
-    if not isinstance(descriptions, list | tuple):
-        msg = f"{name} must be a list of kernels, got {descriptions!r}"
-        raise InputError(msg)
-    return tuple(kernel_from_dict(child) for child in descriptions)

@@ -2,16 +2,20 @@
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
 from exposight.errors import InputError
 from exposight.gp import observations
 from exposight.gp.kernels import loops
-from exposight.gp.kernels.base import Leaf, Parameter, Quantity
+from exposight.gp.kernels.base import Quantity
+from exposight.gp.kernels.descriptions import register_kernel
+from exposight.gp.kernels.leaves import Leaf
 from exposight.gp.kernels.loops import squared_distances, weighted_square_differences
 
 
@@ -42,33 +46,29 @@ class Stationary(Leaf):
     length_scales: tuple[float, ...]
     dims: tuple[int, ...]
     fixed: tuple[str, ...] = ()
+    quantities: ClassVar[Mapping[str, Quantity]] = MappingProxyType(
+        {"variance": Quantity.VARIANCE, "length_scales": Quantity.LENGTH_SCALE}
+    )
 
     def __post_init__(self) -> None:
-        name = type(self).__name__
-        dims = observations.check_dims(self.dims, kernel=name)
-        scales = observations.check_positive(self.length_scales, name=f"{name}.length_scales")
-        if len(scales) not in (1, len(dims)):
+        super().__post_init__()
+        scales = tuple(np.atleast_1d(self.length_scales).tolist())
+        if len(scales) not in (1, len(self.dims)):
             msg = (
-                f"{name} over {len(dims)} dimensions takes 1 length scale or {len(dims)}, "
-                f"got {len(scales)}"
+                f"{type(self).__name__} over {len(self.dims)} dimensions takes 1 length scale or "
+                f"{len(self.dims)}, got {len(scales)}"
             )
             raise InputError(msg)
-        (variance,) = observations.check_positive((self.variance,), name=f"{name}.variance")
-        object.__setattr__(self, "dims", dims)
         object.__setattr__(self, "length_scales", scales)
-        object.__setattr__(self, "variance", variance)
-        object.__setattr__(
-            self, "fixed", observations.check_fixed(self.fixed, allowed=self._fields(), kernel=name)
-        )
 
     # -- the shape of the kernel as a function of r² ----------------------------------------
 
     @abstractmethod
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
         """Turn a tile of squared scaled distances into covariances, in place."""
 
     @abstractmethod
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
         """Turn a tile of squared scaled distances into weight times −2 dk/dr², in place.
@@ -78,81 +78,29 @@ class Stationary(Leaf):
         the hyperparameters after the length scales.
         """
 
-    @classmethod
-    def _fields(cls) -> tuple[str, ...]:
-        """Names of the fields that hold hyperparameters, in order."""
-        return ("variance", "length_scales")
-
     # -- the contract -----------------------------------------------------------------------
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Columns of the inputs that this kernel reads."""
-        return self.dims
-
-    @property
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """The variance, then the length scales."""
-        free = "length_scales" not in self.fixed
-        scales: list[tuple[str, float, tuple[int, ...]]]
-        if len(self.length_scales) > 1:
-            scales = [
-                (f"length_scale[{dim}]", scale, (dim,))
-                for dim, scale in zip(self.dims, self.length_scales, strict=True)
-            ]
-        else:
-            scales = [("length_scale", self.length_scales[0], self.dims)]
-        return (
-            Parameter(
-                name="variance",
-                value=self.variance,
-                quantity=Quantity.VARIANCE,
-                dims=self.dims,
-                free="variance" not in self.fixed,
-            ),
-            *(
-                Parameter(
-                    name=name, value=value, quantity=Quantity.LENGTH_SCALE, dims=dims, free=free
-                )
-                for name, value, dims in scales
-            ),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
-        return {
-            "type": self.type_name,
-            "variance": self.variance,
-            "length_scales": list(self.length_scales),
-            "dims": list(self.dims),
-            "fixed": list(self.fixed),
-        }
-
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        return replace(self, variance=values[0], length_scales=values[1:])
 
     def fill(
         self, x: observations.FloatArray, y: observations.FloatArray, out: observations.FloatArray
     ) -> None:
         """See `Kernel.fill`."""
         squared_distances(x, y, self._columns, self._rates, out)
-        self._correlate(out)
+        self.correlate(out)
 
-    def weigh(
+    def derivatives(
         self,
         x: observations.FloatArray,
         y: observations.FloatArray,
         weights: observations.FloatArray,
     ) -> observations.FloatArray:
-        """See `Kernel.weigh`."""
+        """See `Leaf.derivatives`."""
         r2 = np.empty_like(weights)
         squared_distances(x, y, self._columns, self._rates, r2)
-        variance, *further = self._derive(r2, weights)
+        variance, *further = self.derive(r2, weights)
         scales = weighted_square_differences(x, y, self._columns, self._rates, r2)
         if len(self.length_scales) == 1:
             scales = scales.sum(keepdims=True)
-        out: observations.FloatArray = np.array([variance, *scales, *further])[self._free]
-        return out
+        return np.array([variance, *scales, *further])
 
     def prior_variance(self, x: observations.FloatArray) -> observations.FloatArray:
         """See `Kernel.prior_variance`."""
@@ -168,6 +116,7 @@ class Stationary(Leaf):
         return np.full(len(self.dims), 1.0 / np.array(self.length_scales))
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class SquaredExponential(Stationary):
     """Squared exponential kernel, sigma² exp(−r²/2), Eq. 22 of the paper.
@@ -178,15 +127,18 @@ class SquaredExponential(Stationary):
 
     type_name: ClassVar[str] = "squared_exponential"
 
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
+        """See `Stationary.correlate`."""
         loops.correlate_squared_exponential(r2, self.variance)
 
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
+        """See `Stationary.derive`."""
         return (loops.derive_squared_exponential(r2, weights, self.variance),)
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Exponential(Stationary):
     """Exponential kernel, sigma² exp(−r), also known as Matérn ½.
@@ -198,45 +150,54 @@ class Exponential(Stationary):
 
     type_name: ClassVar[str] = "exponential"
 
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
+        """See `Stationary.correlate`."""
         loops.correlate_exponential(r2, self.variance)
 
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
+        """See `Stationary.derive`."""
         return (loops.derive_exponential(r2, weights, self.variance),)
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Matern32(Stationary):
     """Matérn kernel of smoothness 3/2, sigma² (1 + √3 r) exp(−√3 r)."""
 
     type_name: ClassVar[str] = "matern32"
 
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
+        """See `Stationary.correlate`."""
         loops.correlate_matern32(r2, self.variance)
 
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
+        """See `Stationary.derive`."""
         return (loops.derive_matern32(r2, weights, self.variance),)
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class Matern52(Stationary):
     """Matérn kernel of smoothness 5/2, sigma² (1 + √5 r + 5r²/3) exp(−√5 r)."""
 
     type_name: ClassVar[str] = "matern52"
 
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
+        """See `Stationary.correlate`."""
         loops.correlate_matern52(r2, self.variance)
 
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
+        """See `Stationary.derive`."""
         return (loops.derive_matern52(r2, weights, self.variance),)
 
 
+@register_kernel
 @dataclass(frozen=True, kw_only=True)
 class RationalQuadratic(Stationary):
     """Rational quadratic kernel, sigma² (1 + r²/(2 alpha))^(−alpha), Eq. 23 of the paper.
@@ -258,43 +219,16 @@ class RationalQuadratic(Stationary):
 
     alpha: float
     type_name: ClassVar[str] = "rational_quadratic"
+    quantities = MappingProxyType({**Stationary.quantities, "alpha": Quantity.ALPHA})
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        (alpha,) = observations.check_positive((self.alpha,), name="RationalQuadratic.alpha")
-        object.__setattr__(self, "alpha", alpha)
-
-    @classmethod
-    def _fields(cls) -> tuple[str, ...]:
-        return (*super()._fields(), "alpha")
-
-    @property
-    def hyperparameters(self) -> tuple[Parameter, ...]:
-        """The variance, the length scales, then alpha."""
-        return (
-            *super().hyperparameters,
-            Parameter(
-                name="alpha",
-                value=self.alpha,
-                quantity=Quantity.ALPHA,
-                dims=self.dims,
-                free="alpha" not in self.fixed,
-            ),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the kernel with what JSON can hold; `kernel_from_dict` reads it back."""
-        return {**super().to_dict(), "alpha": self.alpha}
-
-    def _with_values(self, values: tuple[float, ...]) -> Self:
-        return replace(self, variance=values[0], length_scales=values[1:-1], alpha=values[-1])
-
-    def _correlate(self, r2: observations.FloatArray) -> None:
+    def correlate(self, r2: observations.FloatArray) -> None:
+        """See `Stationary.correlate`."""
         loops.correlate_rational_quadratic(r2, self.variance, self.alpha)
 
-    def _derive(
+    def derive(
         self, r2: observations.FloatArray, weights: observations.FloatArray
     ) -> tuple[float, ...]:
+        """See `Stationary.derive`."""
         variance, alpha = loops.derive_rational_quadratic(r2, weights, self.variance, self.alpha)
         return variance, alpha
 
