@@ -81,6 +81,11 @@ def test_the_score_gathers_the_metrics():
     assert result.coverage_2sigma == coverage(observed, predicted, std, 2.0)
 
 
+def test_a_band_of_its_own_is_what_two_deviations_would_cover():
+    result = score([1.0, 2.0, 3.0], [1.0, 1.0, 1.0], [1.0] * 3, band=([0.5] * 3, [1.0, 1.9, 3.0]))
+    assert result.coverage_2sigma == pytest.approx(2 / 3)
+
+
 def test_a_score_without_deviations_has_no_coverage():
     result = score([1.0, 2.0], [1.0, 2.0])
     assert result.coverage_1sigma is None

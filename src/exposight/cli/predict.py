@@ -138,6 +138,8 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
     frame = table.with_columns(
         pl.Series(f"predicted_{target}", prediction.mean),
         pl.Series(f"predicted_{target}_std", prediction.std),
+        pl.Series(f"predicted_{target}_low", prediction.low),
+        pl.Series(f"predicted_{target}_high", prediction.high),
         pl.Series("inside_training_range", prediction.inside),
         pl.Series("outside", outside),
     )

@@ -28,7 +28,7 @@ class Evaluation:
     prediction : Prediction
         What was predicted for them.
     score : RegressionScore
-        R², MSE, RMSE, MAE and the bands' coverage.
+        R², MSE, RMSE, MAE and the bands' coverage (`Prediction.low`, `.high`).
     score_inside : RegressionScore or None
         The same for the rows inside the training data's range (the paper's X_test,i); None where
         there are none.
@@ -63,11 +63,20 @@ def evaluate(model: Predictor, table: ObservationTable) -> Evaluation:
         table=rows,
         observed=observed,
         prediction=prediction,
-        score=score(observed, prediction.mean, prediction.std),
-        score_inside=score(observed[inside], prediction.mean[inside], prediction.std[inside])
-        if inside.any()
-        else None,
+        score=_scored(observed, prediction, np.ones_like(inside)),
+        score_inside=_scored(observed, prediction, inside) if inside.any() else None,
         remarks=unit_remarks(model, rows.frame),
+    )
+
+
+def _scored(
+    observed: NDArray[np.float64], prediction: Prediction, rows: NDArray[np.bool_]
+) -> RegressionScore:
+    return score(
+        observed[rows],
+        prediction.mean[rows],
+        prediction.std[rows],
+        band=(prediction.low[rows], prediction.high[rows]),
     )
 
 

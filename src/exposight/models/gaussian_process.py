@@ -15,8 +15,9 @@ from exposight import __version__
 from exposight.errors import InputError
 from exposight.files import validate
 from exposight.gp import Committee, GaussianProcess, Parameter, kernel_from_dict
+from exposight.gp.observations import read_only
 from exposight.models import predictor
-from exposight.models.specification import ModelSpecification
+from exposight.models.specification import ModelSpecification, TargetScale
 from exposight.observing import ObservationTable
 from exposight.quantities import quantity
 from exposight.statistics import inside_box
@@ -66,8 +67,10 @@ class GaussianProcessModel(predictor.Predictor):
         It learns only from observations of at least this quality (Sect. 3.4.1); None for all.
     source : str
         Where in the paper it is defined.
+    target_scale : {"linear", "log"}
+        Scale of the target on which `process` works (`ModelSpecification`).
     process : GaussianProcess or Committee
-        Kernel with its hyperparameters, noise variance and training data.
+        Kernel with its hyperparameters, noise variance and training data, targets on that scale.
     summary : FitSummary
         How it was fitted.
     """
@@ -76,6 +79,7 @@ class GaussianProcessModel(predictor.Predictor):
 
     p_norm_min: float | None = None
     source: str = ""
+    target_scale: TargetScale = "linear"
     process: GaussianProcess | Committee
     summary: FitSummary
 
@@ -90,15 +94,34 @@ class GaussianProcessModel(predictor.Predictor):
             kernel=self.process.kernel,
             p_norm_min=self.p_norm_min,
             source=self.source,
+            target_scale=self.target_scale,
         )
 
     def predict_frame(self, frame: pl.DataFrame) -> predictor.Prediction:
         """Predict for a frame whose columns are `inputs`, in their order."""
         x = predictor.input_array(self.name, frame)
-        prediction = self.process.predict(x, include_noise=True)
-        return predictor.Prediction(
-            mean=prediction.mean, std=prediction.std, inside=inside_box(self.process.x, x)
-        )
+        inside = inside_box(self.process.x, x)
+        of_process = self.process.predict(x, include_noise=True)
+        mean, std = of_process.mean, of_process.std
+        if self.target_scale == "linear":
+            return predictor.Prediction(mean=mean, std=std, inside=inside)
+        # the log-normal distribution's moments, endless where the process knows next to nothing
+        with np.errstate(over="ignore"):
+            median, spread = np.exp(mean), np.expm1(std**2)
+            mean_of_target = median * np.sqrt(1.0 + spread)
+            return predictor.Prediction(
+                mean=mean_of_target,
+                std=mean_of_target * np.sqrt(spread),
+                inside=inside,
+                low=np.exp(mean - 2.0 * std),
+                high=np.exp(mean + 2.0 * std),
+            )
+
+    @property
+    def _targets(self) -> NDArray[np.float64]:
+        """Training targets in their unit, (n,), read-only."""
+        y = self.process.y
+        return y if self.target_scale == "linear" else read_only(np.exp(y))
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the rows that the model learns from and is evaluated on."""
@@ -118,7 +141,7 @@ class GaussianProcessModel(predictor.Predictor):
     def training_data(self) -> dict[str, NDArray[np.float64]]:
         """Training values by column, inputs and then target, each (n,), read-only."""
         columns = dict(zip(self.inputs, self.process.x.T, strict=True))
-        return {**columns, self.target: self.process.y}
+        return {**columns, self.target: self._targets}
 
     @property
     def training_range(self) -> dict[str, tuple[float, float]]:
@@ -129,7 +152,7 @@ class GaussianProcessModel(predictor.Predictor):
     @property
     def target_range(self) -> tuple[float, float]:
         """Smallest and largest training value of the target."""
-        return float(self.process.y.min()), float(self.process.y.max())
+        return float(self._targets.min()), float(self._targets.max())
 
     def with_observations(self, table: ObservationTable) -> GaussianProcessModel:
         """Learn from more observations, as a cell does after each capture.
@@ -187,7 +210,7 @@ class GaussianProcessModel(predictor.Predictor):
             quantity="variance",
             inputs=(),
             value=self.process.noise_variance,
-            unit=quantity(self.target).squared_unit,
+            unit=self._squared_unit,
             remark="at limit" if _NOISE in at_limit else "",
         )
         parameters = (
@@ -204,17 +227,21 @@ class GaussianProcessModel(predictor.Predictor):
         )
         return (*parameters, noise)
 
+    @property
+    def _squared_unit(self) -> str:
+        return quantity(self.target).squared_unit if self.target_scale == "linear" else ""
+
     def _unit_of(self, parameter: Parameter) -> str:
-        target = quantity(self.target)
+        suffix = quantity(self.target).suffix if self.target_scale == "linear" else ""
         units = {quantity(self.inputs[dim]).suffix for dim in parameter.dims}
         unit = units.pop() if len(units) == 1 else "mixed"
         match parameter.quantity.value:
             case "variance":
-                return target.squared_unit
+                return self._squared_unit
             case "length_scale":
                 return unit
             case "slope_variance":
-                return f"({target.suffix or '1'}/{unit})²"
+                return f"({suffix or '1'}/{unit})²"
         return ""
 
     def to_document(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -224,6 +251,7 @@ class GaussianProcessModel(predictor.Predictor):
         content = {
             "source": self.source,
             "p_norm_min": self.p_norm_min,
+            "target_scale": self.target_scale,
             "kernel": self.process.kernel.to_dict(),
             "noise_variance": self.process.noise_variance,
             "fit": fit,
@@ -260,6 +288,7 @@ class GaussianProcessModel(predictor.Predictor):
             **common,
             p_norm_min=kept.p_norm_min,
             source=kept.source,
+            target_scale=kept.target_scale,
             process=process,
             summary=kept.fit,
         )
@@ -269,6 +298,7 @@ class GaussianProcessModel(predictor.Predictor):
 class _Content:
     source: str
     p_norm_min: float | None
+    target_scale: TargetScale = "linear"
     kernel: dict[str, Any]
     noise_variance: Annotated[float, Field(gt=0)]
     fit: FitSummary

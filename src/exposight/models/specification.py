@@ -13,11 +13,12 @@ exponential ones of Eq. 18 in GPy's form σ²·exp(−r), which Table 8's values
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.errors import InputError, did_you_mean
+from exposight.errors import InputError, ObservationError, did_you_mean
 from exposight.gp import ChangePoint, Exponential, Kernel, Linear, RationalQuadratic
 from exposight.models.predictor import input_array
 from exposight.observing import ObservationTable
@@ -29,6 +30,9 @@ I_AVG_MAX = 255.0
 
 P_NORM_MIN = 0.75
 """Least quality to learn an exposure time from (Sect. 3.4.1)."""
+
+
+TargetScale: TypeAlias = Literal["linear", "log"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +55,9 @@ class ModelSpecification:
         Learn only from observations of at least this quality (Sect. 3.4.1); None for all.
     source : str
         Where it is defined, for instance in the paper.
+    target_scale : {"linear", "log"}
+        Scale of the target on which the process works. On that of its natural logarithm errors are
+        relative: predictions are always above 0, and their bands wider above than below.
     """
 
     name: str
@@ -60,6 +67,15 @@ class ModelSpecification:
     kernel: Kernel
     p_norm_min: float | None = None
     source: str = ""
+    target_scale: TargetScale = "linear"
+
+    def __post_init__(self) -> None:
+        if self.target_scale not in get_args(TargetScale):
+            msg = (
+                f"{self.name}: target_scale must be one of {', '.join(get_args(TargetScale))}, got "
+                f"{self.target_scale!r}"
+            )
+            raise InputError(msg)
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the measured rows that the model learns from and is evaluated on."""
@@ -67,16 +83,26 @@ class ModelSpecification:
         return measured if self.p_norm_min is None else measured.with_quality(self.p_norm_min)
 
     def data(self, table: ObservationTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (n, d) inputs and (n,) targets of a table's rows, all of them.
+        """Return (n, d) inputs and (n,) targets on `target_scale`, of all of a table's rows.
 
         Raises
         ------
         ObservationError
-            If a column is missing, or has no value in some row.
+            If a column is missing, or has no value in some row, or one without a logarithm.
         """
         table.array((*self.inputs, self.target))  # names a column that is missing
         inputs = input_array(self.name, table.frame.select(self.inputs))
-        return inputs, input_array(self.name, table.frame.select(self.target))[:, 0]
+        targets = input_array(self.name, table.frame.select(self.target))[:, 0]
+        if self.target_scale == "linear":
+            return inputs, targets
+        if len(targets) and targets.min() <= 0.0:
+            msg = (
+                f"{self.name} learns the logarithm of {self.target}, which must be above 0, got "
+                f"{targets.min():g} ({np.count_nonzero(targets <= 0.0)} of {len(targets)} rows); "
+                "leave such rows out, or take target_scale='linear'"
+            )
+            raise ObservationError(msg)
+        return inputs, np.log(targets)
 
 
 def base_kernel(n_inputs: int) -> Kernel:

@@ -136,6 +136,7 @@ class Training:
             inputs=specification.inputs,
             p_norm_min=specification.p_norm_min,
             source=specification.source,
+            target_scale=specification.target_scale,
             process=process,
             summary=FitSummary(
                 log_marginal_likelihood=result.log_marginal_likelihood,

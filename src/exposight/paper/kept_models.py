@@ -85,6 +85,7 @@ def model_path(training: models.Training, folder: Path) -> Path:
             specification.inputs,
             specification.kernel.to_dict(),
             specification.p_norm_min,
+            specification.target_scale,
         ],
         "rows": training.source_sha256,
         "source": training.source,

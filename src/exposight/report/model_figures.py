@@ -83,10 +83,9 @@ def brightness_still(
         axes = figure.subplots()
         if model is not None:
             prediction = model.predict(i_avg=_GREY_LEVELS)
-            low, high = (prediction.mean + side * prediction.std for side in (-2, 2))
             axes.fill_between(
-                _GREY_LEVELS, low, high, color=ACCENT, alpha=0.14, linewidth=0,
-                label="±2σ of a new observation",
+                _GREY_LEVELS, prediction.low, prediction.high, color=ACCENT, alpha=0.14,
+                linewidth=0, label="±2σ of a new observation",
             )  # fmt: skip
         scale = LinearSegmentedColormap.from_list("exposure", EXPOSURE_SCALE)
         kinds = ((~apart, "o", "features that trained" if apart.any() else "observations"),)
@@ -285,7 +284,8 @@ def _add_predictions(
         x=evaluation.observed[mask].astype(np.float32),
         y=prediction.mean[mask].astype(np.float32),
         error_y={
-            "array": (2 * prediction.std[mask]).astype(np.float32),
+            "array": (prediction.high - prediction.mean)[mask].astype(np.float32),
+            "arrayminus": (prediction.mean - prediction.low)[mask].astype(np.float32),
             "thickness": 0.8,
             "width": 0,
             "color": f"rgba({red},{green},{blue},0.2)",

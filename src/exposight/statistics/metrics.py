@@ -27,8 +27,9 @@ class RegressionScore:
     mae : float
         Mean absolute error, in the unit of the target.
     coverage_1sigma, coverage_2sigma : float or None
-        Share of the observations within one and two predicted standard deviations; None where
-        no standard deviation was given. A calibrated normal prediction covers 0.683 and 0.954.
+        Share of the observations within one and two predicted standard deviations, the second
+        within the predicted band instead where one was given; None where no standard deviation was
+        given. A calibrated prediction covers 0.954, and a normal one 0.683.
     """
 
     n: int
@@ -163,7 +164,11 @@ def coverage(observed: ArrayLike, mean: ArrayLike, std: ArrayLike, k: float) -> 
 
 
 def score(
-    observed: ArrayLike, predicted_mean: ArrayLike, std: ArrayLike | None = None
+    observed: ArrayLike,
+    predicted_mean: ArrayLike,
+    std: ArrayLike | None = None,
+    *,
+    band: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> RegressionScore:
     """Score predictions in the terms of the paper's Tables 2 and 3.
 
@@ -173,6 +178,8 @@ def score(
         In the same unit.
     std : (n,) array, optional
         Standard deviation of a new observation, noise included, in the same unit.
+    band : pair of (n,) array, optional
+        Low and high limit for 95.4 % of new observations, in the same unit.
 
     Returns
     -------
@@ -186,6 +193,10 @@ def score(
     """
     y, prediction = _check_pair(observed, predicted_mean, "predicted_mean")
     alike = bool(np.all(y == y[0]))
+    within_two = None if std is None else coverage(y, prediction, std, 2.0)
+    if band is not None:
+        low, high = (_check_pair(y, limit, "band")[1] for limit in band)
+        within_two = float(np.mean((low <= y) & (y <= high)))
     return RegressionScore(
         n=len(y),
         r2_percent=math.nan if alike else 100.0 * r2(y, prediction),
@@ -193,7 +204,7 @@ def score(
         rmse=rmse(y, prediction),
         mae=mae(y, prediction),
         coverage_1sigma=None if std is None else coverage(y, prediction, std, 1.0),
-        coverage_2sigma=None if std is None else coverage(y, prediction, std, 2.0),
+        coverage_2sigma=within_two,
     )
 
 
