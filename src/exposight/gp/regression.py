@@ -172,6 +172,11 @@ class GaussianProcess:
             _alpha=alpha,
         )
 
+    @property
+    def weights(self) -> observations.FloatArray:
+        """α = K⁻¹ y of the observations inside the gate: a mean is their kernel's sum with α."""
+        return self._alpha
+
     def with_observations(
         self, x: ArrayLike, y: ArrayLike, *, row_noise: ArrayLike | None = None
     ) -> "GaussianProcess":

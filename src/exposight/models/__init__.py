@@ -11,6 +11,7 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
+from exposight.models.radiance_model import RadianceModel
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,
     I_AVG_MIN,
@@ -22,3 +23,4 @@ from exposight.models.specification import (
     product_kernel,
 )
 from exposight.models.training import Training, run_trainings, train_all
+from exposight.models.window_model import WindowModel, train_window

@@ -151,6 +151,9 @@ class Predictor(ABC):
     kind: ClassVar[str] = ""
     """Name of the kind in model files, such as "gaussian-process"."""
 
+    optional_inputs: ClassVar[tuple[str, ...]] = ()
+    """Columns that it reads beside `inputs` where they are there."""
+
     name: str
     title: str
     target: str
@@ -185,7 +188,7 @@ class Predictor(ABC):
             If an input is missing, has no value in some row, or has one that cannot be.
         """
         if data is None:
-            frame = _frame_of(self.name, self.inputs, columns)
+            frame = _frame_of(self.name, (*self.inputs, *self.optional_inputs), columns)
         elif columns:
             msg = "predict either takes a table or columns by name, got both"
             raise InputError(msg)
@@ -204,11 +207,15 @@ class Predictor(ABC):
                 f"{', '.join(frame.columns) or 'nothing'}"
             )
             raise ObservationError(msg)
-        return self.predict_frame(frame.select(self.inputs))
+        further = [name for name in self.optional_inputs if name in frame.columns]
+        return self.predict_frame(frame.select(*self.inputs, *further))
 
     @abstractmethod
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
-        """Predict for a frame whose columns are `inputs`, in their order; `input_array` helps."""
+        """Predict for a frame whose columns are `inputs`, in their order; `input_array` helps.
+
+        After them come those of `optional_inputs` that there are.
+        """
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the rows of a table that the model learns from and is evaluated on."""
@@ -242,6 +249,10 @@ class Predictor(ABC):
 
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Return the hyperparameters with their units; none by default."""
+        return ()
+
+    def remarks(self, frame: pl.DataFrame) -> tuple[str, ...]:
+        """Say what of a frame is not what the model holds for; nothing by default."""
         return ()
 
     def _repr_html_(self) -> str:

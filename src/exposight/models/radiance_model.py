@@ -1,0 +1,336 @@
+"""The default exposure-time model: a ring's radiance from its pose, and what it was learnt on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from exposight import __version__
+from exposight.errors import ObservationError
+from exposight.gp import GaussianProcess, kernel_from_dict
+from exposight.models.log_radiance import Formula, LogRadiance
+from exposight.models.predictor import (
+    Hyperparameter,
+    Prediction,
+    Predictor,
+    input_array,
+    register_predictor,
+)
+from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
+from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings
+from exposight.observing import ObservationTable
+from exposight.tables import counted
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+QUALITY, EXPOSURE = "quality", "exposure"
+"""Names of the two default models."""
+
+P_NORM_NEED = 0.75
+"""Quality from which a point cloud serves (Sect. 3.4.1 of the paper)."""
+
+_NAMES = ("feature", "view")
+_ORIGIN = ("sensor", "tcp", "part", "finish")
+FAR = 1.0
+"""Learnt length scales beyond which nothing was learnt."""
+
+CHUNK = 100
+"""Rings that are forecast at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """What observations are of; empty where the table does not say.
+
+    Parameters
+    ----------
+    sensor, tcp, part, finish : str
+        As in the columns of observation tables.
+    """
+
+    sensor: str = ""
+    tcp: str = ""
+    part: str = ""
+    finish: str = ""
+
+    @classmethod
+    def of(cls, table: ObservationTable) -> Origin:
+        """Return what a table's rows are of, all of the same.
+
+        Raises
+        ------
+        ObservationError
+            If they are of several sensors, TCPs or finishes.
+        """
+        values = {}
+        for name in _ORIGIN:
+            named = table.frame[name].drop_nulls().unique().sort().to_list()
+            named = [each for each in named if each]
+            if len(named) > 1 and name != "part":
+                listed = ", ".join(map(repr, named))
+                msg = (
+                    f"the rows are of several {name if name == 'tcp' else name + 's'}: {listed}; a "
+                    f"model holds for one, so train one for each (filter the table by column "
+                    f"{name!r})"
+                )
+                raise ObservationError(msg)
+            values[name] = named[0] if len(named) == 1 else ""
+        return cls(**values)
+
+    def contradictions(self, frame: pl.DataFrame) -> dict[str, str]:
+        """Return which of sensor, tcp and finish a frame has otherwise, in words, by name."""
+        found: dict[str, str] = {}
+        for name in ("sensor", "tcp", "finish"):
+            learnt = getattr(self, name)
+            if not learnt or name not in frame.columns:
+                continue
+            others = [each for each in set(frame[name].to_list()) if each and each != learnt]
+            if others:
+                what = {"sensor": "sensor", "tcp": "tool centre point", "finish": "finish"}[name]
+                found[name] = f"another {what}: {others[0]!r}, learnt on {learnt!r}"
+        return found
+
+
+@register_predictor
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RadianceModel(Predictor):
+    """Predicts the exposure time with which a ring gets a wanted brightness, from its pose.
+
+    Parameters
+    ----------
+    name, title, target, inputs, provenance, sensor
+        As in `Predictor`.
+    learnt : LogRadiance
+        ln of rings' radiance.
+    black_level : float, grey levels
+        Brightness without light.
+    origin : Origin
+        What it was learnt on.
+    """
+
+    kind: ClassVar[str] = "radiance"
+    optional_inputs: ClassVar[tuple[str, ...]] = (*_NAMES, *TURN_COLUMNS, *_ORIGIN)
+
+    learnt: LogRadiance
+    black_level: float
+    origin: Origin = field(default_factory=Origin)
+
+    @property
+    def brightness(self) -> str:
+        """The column that brightness is read from, ``i_mean`` or ``i_avg``."""
+        return self.inputs[0]
+
+    def predict_frame(self, frame: pl.DataFrame) -> Prediction:
+        """Predict for a frame with `inputs` and perhaps `optional_inputs`."""
+        grey = input_array(self.name, frame.select(self.brightness))[:, 0]
+        if not (grey > self.black_level).all():
+            row = int(np.argmin(grey))
+            msg = (
+                f"{self.name}: without light the brightness is {self.black_level:.1f} grey levels "
+                f"already; no exposure time gives {grey[row]:g} (row {row + 1})"
+            )
+            raise ObservationError(msg)
+        rings, ring = self.rings(frame)
+        mean, std, distance = self.radiance(rings)
+        logs = np.log(grey - self.black_level) - mean[ring]
+        spread = std[ring]
+        median = np.exp(logs)
+        low, high = np.exp(logs - 2.0 * spread), np.exp(logs + 2.0 * spread)
+        return Prediction(
+            mean=median,
+            std=median * np.sqrt(np.expm1(np.minimum(spread**2, 50.0))),
+            inside=distance[ring] <= FAR,
+            low=low,
+            high=high,
+        )
+
+    def radiance(self, rings: Rings) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return mean and standard deviation of ln radiance, and distance, of rings, (n,) each."""
+        parts = []
+        for start in range(0, len(rings), CHUNK):
+            some = range(start, min(start + CHUNK, len(rings)))
+            prediction = self.learnt.predict(rings.take(some))
+            std = np.sqrt(np.diagonal(prediction.covariance))
+            parts.append(np.stack([prediction.mean, std, prediction.distance]))
+        mean, std, distance = np.concatenate(parts, axis=1)
+        return mean, std, distance
+
+    def rings(self, frame: pl.DataFrame) -> tuple[Rings, NDArray[np.int64]]:
+        """Return the rings that a frame's rows are of, and each row's place among them.
+
+        Raises
+        ------
+        ObservationError
+            If poses are missing, or the rows are of another sensor or TCP.
+        """
+        contradictions = self.origin.contradictions(frame)
+        for name in ("sensor", "tcp"):
+            if name in contradictions:
+                msg = f"{self.name}: the rows are of {contradictions[name]}; train a model for it"
+                raise ObservationError(msg)
+        poses = np.stack([frame[name].to_numpy() for name in POSE_COLUMNS], axis=1)
+        if poses.dtype != np.float64 or not np.isfinite(poses).all():
+            poses = input_array(self.name, frame.select(POSE_COLUMNS))  # names what is wrong
+        turns = np.zeros((frame.height, len(TURN_COLUMNS)))
+        for column, name in enumerate(TURN_COLUMNS):
+            if name in frame.columns:
+                turns[:, column] = np.nan_to_num(frame[name].cast(pl.Float64).to_numpy())
+        features, views, parts = (
+            frame[name].to_list() if name in frame.columns else [""] * frame.height
+            for name in (*_NAMES, "part")
+        )
+        known = self.origin.part  # equal names on another part are other features
+        place: dict[tuple[Any, ...], int] = {}
+        ring = np.empty(frame.height, dtype=np.int64)
+        first = []
+        names = []
+        for row, (feature, view, part) in enumerate(zip(features, views, parts, strict=True)):
+            key = (feature, view, part, poses[row].tobytes(), turns[row].tobytes())
+            if key not in place:
+                place[key] = len(place)
+                first.append(row)
+                name = feature or f"?{row}"
+                names.append((f"{part}/{name}" if known and part and part != known else name, view))
+            ring[row] = place[key]
+        rings = Rings(
+            features=tuple(name for name, _ in names),
+            views=tuple(view or "" for _, view in names),
+            poses=poses[first],
+            turns=turns[first],
+        )
+        return rings, ring
+
+    def rows(self, table: ObservationTable) -> ObservationTable:
+        """Return the measured rows of sufficient quality whose brightness is not clipped."""
+        rows = table.measured().with_quality(P_NORM_NEED)
+        bright = rows.frame[self.brightness].fill_null(0.0) > self.black_level + 1.0
+        return rows.where(bright & pl.Series(clipped_share(rows.frame) <= FEW_CLIPPED))
+
+    @property
+    def n_observations(self) -> int:
+        """Number of rings that were learnt from."""
+        return len(self.learnt.process.y)
+
+    @property
+    def training_range(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest position and angle that were learnt from."""
+        x = self.learnt.process.x
+        places = {"x_mm": 0, "y_mm": 1, "z_mm": 2, "w_deg": 5, "p_deg": 6}
+        return {
+            name: (float(x[:, column].min()), float(x[:, column].max()))
+            for name, column in places.items()
+        }
+
+    def remarks(self, frame: pl.DataFrame) -> tuple[str, ...]:
+        """Say which rows are not of the finish that was learnt."""
+        found = self.origin.contradictions(frame)
+        return (f"{self.name}: {found['finish']}",) if "finish" in found else ()
+
+    def with_observations(self, table: ObservationTable) -> RadianceModel:
+        """Learn from more captures, as a cell does after each; the hyperparameters stay."""
+        measured = table.measured()
+        if len(measured) == 0:
+            return self
+        data = ring_data(measured, black_level=self.black_level)
+        return replace(
+            self,
+            learnt=self.learnt.with_rings(data),
+            provenance=replace(
+                self.provenance,
+                observations=f"{self.provenance.observations}; "
+                f"{counted(len(measured), 'more row')}",
+                observations_sha256=None,
+                exposight_version=__version__,
+            ),
+        )
+
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Return what was found, with units."""
+        formula, process = self.learnt.formula, self.learnt.process
+        items = [("black_level", self.black_level, "grey levels")]
+        if formula.kind != "none":
+            items += [
+                ("ln specular/diffuse", formula.log_ratio, ""),
+                ("lobe roughness", formula.roughness, ""),
+            ]
+        names = {0: "mm", 1: "mm", 2: "mm", 5: "°", 6: "°"}
+        columns = ("x_mm", "y_mm", "z_mm", "half_1", "half_2", "w_deg", "p_deg", "feature", "view")
+        rows = [
+            Hyperparameter(name=name, quantity="parameter", inputs=(), value=value, unit=unit)
+            for name, value, unit in items
+        ]
+        rows += [
+            Hyperparameter(
+                name=each.name,
+                quantity=each.quantity.value,
+                inputs=tuple(columns[dim] for dim in each.dims),
+                value=each.value,
+                unit=names.get(each.dims[0], "") if each.quantity.value == "length_scale" else "",
+                remark="" if each.free else "fixed",
+            )
+            for each in process.kernel.parameters
+            if each.dims[0] < len(columns)
+        ]
+        rows.append(
+            Hyperparameter(
+                name="noise_variance",
+                quantity="variance",
+                inputs=(),
+                value=process.noise_variance,
+                unit="",
+            )
+        )
+        return tuple(rows)
+
+    def to_document(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return formula, covariance and names, and the rings that were learnt from."""
+        learnt, process = self.learnt, self.learnt.process
+        formula = learnt.formula
+        content = {
+            "mean": formula.kind,
+            "formula": formula.parameters.tolist(),
+            "prior_level": learnt.prior_level,
+            "kernel": process.kernel.to_dict(),
+            "noise_variance": process.noise_variance,
+            "features": list(learnt.features),
+            "views": list(learnt.views),
+            "widening": list(learnt.widening),
+            "black_level": self.black_level,
+            "origin": vars(self.origin),
+        }
+        noise = process.row_noise if process.row_noise is not None else np.zeros(len(process.y))
+        return content, {"inputs": process.x, "targets": process.y, "row_noise": noise}
+
+    @classmethod
+    def from_document(
+        cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
+    ) -> RadianceModel:
+        """Rebuild a model; factors follow from the data and are computed again."""
+        formula = Formula(kind=content["mean"]).with_parameters(np.array(content["formula"]))
+        process = GaussianProcess.condition(
+            kernel_from_dict(content["kernel"]),
+            content["noise_variance"],
+            arrays["inputs"],
+            arrays["targets"],
+            row_noise=arrays["row_noise"],
+        )
+        learnt = LogRadiance(
+            formula=formula,
+            prior_level=content["prior_level"],
+            process=process,
+            sensor=common["sensor"],
+            features=tuple(content["features"]),
+            views=tuple(content["views"]),
+            widening=(content["widening"][0], content["widening"][1]),
+        )
+        return cls(
+            **common,
+            learnt=learnt,
+            black_level=content["black_level"],
+            origin=Origin(**content["origin"]),
+        )

@@ -1,0 +1,182 @@
+"""Observations to rings: the radiance of each feature in each view, from all its captures.
+
+A camera is linear until it clips (EMVA 1288): brightness = black level + L · t. One number for a
+feature and view, its radiance L in grey levels per ms, thus says how bright the ring is at any
+exposure time. Captures in which more than a few pixels clip only tell that L is at least so much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from exposight.errors import ObservationError
+from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings
+from exposight.observing import ObservationTable
+
+FEW_CLIPPED = 0.002
+"""Share of clipped pixels up to which a mean brightness counts as unclipped."""
+
+_RELATIVE, _GREY = 0.01, 0.4
+"""Error of a ring's mean brightness: a share of it (light, linearity), and grey levels (rounding,
+black level); both assumed. The scatter beyond them is learnt."""
+
+_DARK = 1.5
+"""Grey levels above black below which a mean brightness only says that the ring is dark."""
+
+_LEAST_PAIRS = 8
+"""So many rings with several usable exposure times are needed to learn the black level."""
+
+RING_COLUMNS = ("feature", "view", *POSE_COLUMNS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RingData:
+    """The radiance of n rings, each of a feature in a view.
+
+    Parameters
+    ----------
+    rings : Rings
+        Where they are.
+    log_radiance : (n,) ndarray
+        ln of grey levels per ms; where only a limit is known, that limit.
+    variance : (n,) ndarray
+        Of the measurement alone.
+    limit : (n,) ndarray of int
+        0 where it was measured, 1 where the ring is at least as bright, −1 where at most.
+    black_level : float, grey levels
+        Brightness without light.
+    source : str
+        The column that brightness was read from, ``i_mean`` or ``i_avg``.
+    """
+
+    rings: Rings
+    log_radiance: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    limit: NDArray[np.int64]
+    black_level: float
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.rings)
+
+
+def brightness_column(table: ObservationTable) -> str:
+    """Return ``i_mean`` where every measured row has it, else ``i_avg``."""
+    frame = table.frame
+    has_mean = "i_mean" in frame.columns and frame["i_mean"].null_count() == 0 and frame.height > 0
+    return "i_mean" if has_mean else "i_avg"
+
+
+def clipped_share(frame: pl.DataFrame) -> NDArray[np.float64]:
+    """Return the share of each ring's pixels that clip: in any frame, or in the one image."""
+    columns = [name for name in ("stack_clipped_share", "clipped_share") if name in frame.columns]
+    shares = frame.select(pl.coalesce(*columns, pl.lit(0.0)).cast(pl.Float64)).to_numpy()
+    out: NDArray[np.float64] = shares[:, 0]
+    return out
+
+
+def black_level_of(
+    group: NDArray[np.int64], grey: NDArray[np.float64], exposure_ms: NDArray[np.float64]
+) -> float | None:
+    """Find the brightness without light: what makes all rings' brightness proportional to time.
+
+    Parameters
+    ----------
+    group : (m,) ndarray of int
+        The ring of each unclipped capture.
+    grey, exposure_ms : (m,) ndarray
+        Its mean brightness, grey levels, and exposure time, ms.
+
+    Returns
+    -------
+    float or None
+        Grey levels; None where too few rings were taken at several exposure times.
+    """
+    counts = np.bincount(group)
+    several = counts[group] > 1
+    if np.count_nonzero(counts > 1) < _LEAST_PAIRS:
+        return None
+    group, grey, exposure_ms = group[several], grey[several], exposure_ms[several]
+
+    def loss(black: float) -> float:
+        above = np.maximum(grey - black, 0.05)
+        weight = 1.0 / (_RELATIVE**2 + (_GREY / above) ** 2)
+        value = np.log(above / exposure_ms)
+        mean = np.bincount(group, weight * value) / np.maximum(np.bincount(group, weight), 1e-9)
+        squared = weight * (value - mean[group]) ** 2
+        robust = np.where(squared < 9.0, squared, 6.0 * np.sqrt(squared) - 9.0)
+        return float(np.sum(robust - np.log(weight)))
+
+    # A black level can be no brighter than the darkest ring, but for rounding.
+    highest = float(grey.min()) + _GREY
+    grid = np.linspace(-2.0, highest, 60)
+    best = int(np.argmin([loss(black) for black in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    return float(minimize_scalar(loss, bounds=(low, high), method="bounded").x)
+
+
+def ring_data(table: ObservationTable, *, black_level: float | None = None) -> RingData:
+    """Gather the radiance of every feature and view from a table's captures.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Measured rows are used.
+    black_level : float, grey levels, optional
+        Brightness without light, where it is known; found from the captures if left out.
+
+    Raises
+    ------
+    ObservationError
+        If there is no measured row.
+    """
+    measured = table.measured()
+    if len(measured) == 0:
+        msg = f"none of the table's {len(table)} rows was measured: there is no brightness in them"
+        raise ObservationError(msg)
+    source = brightness_column(measured)
+    turns = [name for name in TURN_COLUMNS if name in measured.frame.columns]
+    frame = measured.frame.with_columns(
+        pl.struct("feature", "view").rank("dense").cast(pl.Int64).sub(1).alias("_ring"),
+        pl.Series("_clipped", clipped_share(measured.frame)),
+    )
+    rings = (
+        frame.group_by("_ring", maintain_order=True)
+        .agg(pl.col(*RING_COLUMNS, *turns).first())
+        .sort("_ring")
+    )
+    group = frame["_ring"].to_numpy()
+    grey = frame[source].to_numpy().astype(np.float64)
+    exposure_ms = frame["exposure_ms"].to_numpy()
+    usable = frame["_clipped"].to_numpy() <= FEW_CLIPPED
+    if black_level is None:
+        black_level = black_level_of(group[usable], grey[usable], exposure_ms[usable]) or 0.0
+    above = grey - black_level
+    bright = above > _DARK
+    measured_well = usable & bright
+    weight = 1.0 / (_RELATIVE**2 + (_GREY / np.maximum(above, _DARK)) ** 2)
+    value = np.log(np.maximum(above, _DARK) / exposure_ms)
+    n = rings.height
+    total = np.bincount(group, weight * measured_well, minlength=n)
+    known = total > 0
+    log_radiance = np.bincount(group, weight * value * measured_well, minlength=n).astype(float)
+    log_radiance[known] /= total[known]
+    variance = np.where(known, 1.0 / np.maximum(total, 1e-9), 0.0)
+    limit = np.where(known, 0, np.where(np.bincount(group, bright, minlength=n) > 0, 1, -1))
+    for ring in np.flatnonzero(~known):
+        rows = group == ring
+        # Clipping lowers a mean: the brightest says most. A dark ring's longest capture does.
+        log_radiance[ring] = value[rows & bright].max() if limit[ring] > 0 else value[rows].min()
+    return RingData(
+        rings=Rings.of(rings),
+        log_radiance=log_radiance,
+        variance=variance,
+        limit=limit.astype(np.int64),
+        black_level=black_level,
+        source=source,
+    )

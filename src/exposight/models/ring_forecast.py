@@ -1,0 +1,318 @@
+"""What to expect of rings over exposure time: quality, its band, its chance, its window; jointly.
+
+A forecast holds what is known of each ring's radiance and of its edges. Pose alone says some of
+it, one image at any exposure more, one capture with its frame stack nearly all; each refines the
+same forecast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from exposight.errors import InputError
+from exposight.models.window import Points, Window, response_table
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_TWO_SIGMA = 2.0
+_REACH = 1.2
+"""ln of brightness beyond the asked exposure times in which windows are looked for."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RingForecast:
+    """What to expect of n rings at m exposure times.
+
+    Parameters
+    ----------
+    features, views : tuple of str
+        The n rings.
+    exposures_ms : (m,) ndarray, ms
+        Exposure times.
+    mean : (n,) ndarray
+        Of ln radiance, grey levels per ms.
+    covariance : (n, n) ndarray
+        Of ln radiance: rings of one view, and of one feature, err together.
+    points : Points
+        How radiance spreads over each ring.
+    window : Window
+        The sensor's limits.
+    black_level : float, grey levels
+        Brightness without light.
+    need : float
+        Quality that is asked for.
+    distance : (n,) ndarray
+        From what was learnt, in learnt length scales.
+    source : tuple of str
+        What each ring's forecast rests on: "pose", "pose and image", "pose and capture" or
+        "capture".
+    unknown : tuple of str
+        Why a ring's forecast should not be relied on; empty where it may be.
+    remarks : tuple of str
+        What is odd about all of it.
+    """
+
+    features: tuple[str, ...]
+    views: tuple[str, ...]
+    exposures_ms: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    points: Points
+    window: Window
+    black_level: float
+    need: float
+    distance: FloatArray
+    source: tuple[str, ...]
+    unknown: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def knows(self) -> NDArray[np.bool_]:
+        """Which rings' forecasts may be relied on, (n,)."""
+        return np.array([not reason for reason in self.unknown], dtype=np.bool_)
+
+    @cached_property
+    def std(self) -> FloatArray:
+        """Standard deviation of ln radiance, (n,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @cached_property
+    def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """ln(L·t), and the sharp and the mean response on it, and the sharp parts."""
+        logs = np.log(self.exposures_ms)
+        spread = float(self.std.max(initial=0.0))
+        low = float(self.mean.min() + logs.min()) - _REACH - 3.0 * spread
+        high = float(self.mean.max() + logs.max()) + _REACH + 3.0 * spread
+        low, high = min(low, self.window.log_low - _REACH), max(high, self.window.log_high + 0.3)
+        grid, unclipped, weak = response_table(self.window, self.points, low, high)
+        sharp = np.maximum(unclipped - weak, 0.0) * self.points.best[:, None]
+        _, unclipped, weak = response_table(
+            self.window, self.points, low, high, np.diagonal(self.covariance)
+        )
+        mean = np.maximum(unclipped - weak, 0.0) * self.points.best[:, None]
+        return grid, sharp, mean, sharp.argmax(axis=1)
+
+    def _at(self, table: FloatArray, brightness: FloatArray) -> FloatArray:
+        """Interpolate a table at ln(L·t), (n, m) each."""
+        grid = self._grid[0]
+        place = np.clip((brightness - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.000001)
+        cell = place.astype(np.int64)
+        rows = np.arange(len(table))[:, None]
+        below = table[rows, cell]
+        out: FloatArray = below + (place - cell) * (table[rows, cell + 1] - below)
+        return out
+
+    @cached_property
+    def _brightness(self) -> FloatArray:
+        out: FloatArray = self.mean[:, None] + np.log(self.exposures_ms)
+        return out
+
+    @cached_property
+    def p_norm(self) -> FloatArray:
+        """Mean of the quality to expect, (n, m)."""
+        return self._at(self._grid[2], self._brightness)
+
+    def quantile(self, level: float) -> FloatArray:
+        """Return the quality that is reached with the chance 1 − `level`, (n, m).
+
+        Quality rises to its best with brightness and falls again. A low quantile is the worse of
+        too dark and too bright; a high one the best in between.
+        """
+        z = abs(float(ndtri(level)))
+        dark = (z * np.hypot(self.std, self.points.shift_low))[:, None]
+        bright = (z * np.hypot(self.std, self.points.shift_high))[:, None]
+        grid, sharp, _, top = self._grid
+        scatter = z * np.maximum(self.window.scatter, self.points.best_std)[:, None]
+        if level < 0.5:
+            values = np.minimum(
+                self._at(sharp, self._brightness - dark), self._at(sharp, self._brightness + bright)
+            )
+            return np.asarray(np.maximum(values - scatter, 0.0), dtype=np.float64)
+        best_at = grid[top][:, None]
+        nearest = np.clip(best_at, self._brightness - bright, self._brightness + dark)
+        values = self._at(sharp, nearest)
+        share = np.minimum(values / np.maximum(self.points.best[:, None], 1e-9), 1.0)
+        out: FloatArray = values + scatter * share
+        return out
+
+    @cached_property
+    def low(self) -> FloatArray:
+        """Lower end of the 2σ band, (n, m): p_norm is below with a chance of 2.3 %."""
+        return self.quantile(float(ndtr(-_TWO_SIGMA)))
+
+    @cached_property
+    def high(self) -> FloatArray:
+        """Upper end of the 2σ band, (n, m)."""
+        return self.quantile(float(ndtr(_TWO_SIGMA)))
+
+    @cached_property
+    def chance(self) -> FloatArray:
+        """Chance that the quality reaches `need`, (n, m)."""
+        return self.chance_of(self.need)
+
+    def chance_of(self, need: float) -> FloatArray:
+        """Return the chance that the quality reaches another value, (n, m)."""
+        total = np.zeros_like(self._brightness)
+        uncertain = self.points.best_std > 0.01
+        nodes = (
+            ((0.0, 1.0),) if not uncertain.any() else ((-1.732, 1 / 6), (0, 2 / 3), (1.732, 1 / 6))
+        )
+        for shift, weight in nodes:
+            best = self.points.best + shift * np.where(uncertain, self.points.best_std, 0.0)
+            first, last = self._ends(need * self.points.best / np.maximum(best, 1e-9))
+            dark = np.hypot(self.std, self.points.shift_low)[:, None]
+            bright = np.hypot(self.std, self.points.shift_high)[:, None]
+            above = ndtr((self._brightness - first[:, None]) / np.maximum(dark, 1e-6))
+            beyond = ndtr((self._brightness - last[:, None]) / np.maximum(bright, 1e-6))
+            total += weight * np.maximum(np.nan_to_num(above - beyond, nan=0.0), 0.0)
+        return total
+
+    def _ends(self, need: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the ln(L·t) between which the quality reaches a value, (n,) each; NaN if none."""
+        grid, sharp, _, top = self._grid
+        first, last = np.full(len(sharp), np.nan), np.full(len(sharp), np.nan)
+        step = grid[1] - grid[0]
+        for i, row in enumerate(sharp):
+            peak = int(top[i])
+            if row[peak] < need[i]:
+                continue
+            below = np.flatnonzero(row[:peak] < need[i])
+            j = int(below[-1]) if len(below) else 0
+            first[i] = grid[j] + step * _fraction(row, j, need[i]) if len(below) else grid[0]
+            beyond = np.flatnonzero(row[peak:] < need[i])
+            if len(beyond):
+                j = peak + int(beyond[0]) - 1
+                last[i] = grid[j] + step * _fraction(row, j, need[i])
+            else:
+                last[i] = grid[-1]
+        return first, last
+
+    def window_ms(self, confidence: float = 0.5) -> tuple[FloatArray, FloatArray]:
+        """Return the two ends of each ring's window of exposure times, ms, (n,) each.
+
+        Between them the quality reaches `need`, each end by itself with the confidence asked; NaN
+        where no exposure time does.
+        """
+        first, last = self._ends(np.full(len(self.mean), self.need))
+        z = float(ndtri(confidence))
+        low = np.exp(first - self.mean + z * np.hypot(self.std, self.points.shift_low))
+        high = np.exp(last - self.mean - z * np.hypot(self.std, self.points.shift_high))
+        nothing = low > high
+        return np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+
+    def draw_windows(self, draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draw both ends of all windows together.
+
+        Parameters
+        ----------
+        draws : int
+            How many.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        (draws, n, 2) ndarray, ms
+            Exposure times between which each ring reaches `need`; NaN where none does. Rings of a
+            view share what is uncertain of its light.
+        """
+        n = len(self.mean)
+        radiance = rng.multivariate_normal(
+            self.mean, self.covariance, draws, method="eigh", check_valid="ignore"
+        )
+        first, last = self._ends(np.full(n, self.need))
+        dark = rng.standard_normal((draws, n)) * self.points.shift_low
+        bright = rng.standard_normal((draws, n)) * self.points.shift_high
+        ends = np.stack([first - radiance + dark, last - radiance - bright], axis=-1)
+        empty = ends[..., 0] > ends[..., 1]
+        ends[empty] = np.nan
+        out: FloatArray = np.exp(ends)
+        return out
+
+    def exposure_ms(
+        self, i_mean: float, levels: Sequence[float] = (0.023, 0.5, 0.977)
+    ) -> FloatArray:
+        """Return quantiles of the exposure time with a wanted brightness, (n, len(levels)), ms.
+
+        Parameters
+        ----------
+        i_mean : float, grey levels
+            Phase-averaged brightness of the ring, above the black level.
+        levels : sequence of float
+            Chances.
+
+        Raises
+        ------
+        InputError
+            If the brightness is not above the black level.
+        """
+        if not i_mean > self.black_level:
+            msg = (
+                f"a brightness of {i_mean:g} is reached by no exposure time: without light it is "
+                f"{self.black_level:.1f} grey levels already"
+            )
+            raise InputError(msg)
+        logs = math.log(i_mean - self.black_level) - self.mean[:, None]
+        out: FloatArray = np.exp(logs + self.std[:, None] * ndtri(np.asarray(levels)))
+        return out
+
+    def i_mean(self, levels: ArrayLike = 0.5) -> FloatArray:
+        """Return a quantile of the brightness at each exposure time, (n, m), grey levels.
+
+        What the ring would have if nothing clipped.
+        """
+        z = ndtri(np.asarray(levels))
+        out: FloatArray = self.black_level + np.exp(self._brightness + z * self.std[:, None])
+        return out
+
+    def best_for_all(self) -> tuple[float, FloatArray]:
+        """Return the exposure time with most rings expected to reach `need`, and their chances.
+
+        Of equally good ones the middle one, ms; rings that are not known do not count.
+        """
+        chance = self.chance[self.knows] if self.knows.any() else self.chance
+        total = chance.sum(axis=0)
+        best = np.flatnonzero(total >= total.max() - 1e-6)
+        index = int(best[len(best) // 2])
+        return float(self.exposures_ms[index]), self.chance[:, index]
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """One row for each ring and exposure time.
+
+        Columns ``feature``, ``view``, ``exposure_ms``, ``i_mean``, ``p_norm``, ``p_norm_low``,
+        ``p_norm_high`` (2σ band), ``chance``, ``known``.
+        """
+        n, m = self.p_norm.shape
+        return pl.DataFrame(
+            {
+                "feature": [name for name in self.features for _ in range(m)],
+                "view": [name for name in self.views for _ in range(m)],
+                "exposure_ms": np.tile(self.exposures_ms, n),
+                "i_mean": np.minimum(self.i_mean(), 255.0).ravel(),
+                "p_norm": self.p_norm.ravel(),
+                "p_norm_low": self.low.ravel(),
+                "p_norm_high": self.high.ravel(),
+                "chance": self.chance.ravel(),
+                "known": np.repeat(self.knows, m),
+            }
+        )
+
+    def at(self, exposures_ms: ArrayLike, need: float | None = None) -> RingForecast:
+        """Return the same forecast at other exposure times, or for another quality."""
+        times = np.atleast_1d(np.asarray(exposures_ms, dtype=np.float64))
+        return replace(self, exposures_ms=times, need=self.need if need is None else need)
+
+
+def _fraction(row: FloatArray, j: int, value: float) -> float:
+    """Return where between j and j + 1 a row passes a value."""
+    change = row[j + 1] - row[j]
+    return 0.0 if change == 0.0 else float((value - row[j]) / change)

@@ -1,0 +1,219 @@
+"""What a trial capture of a view adds to a forecast from poses, and whether it contradicts it.
+
+An image at any exposure tells a ring's radiance; a capture's frame stack tells how it spreads over
+the ring, too, whatever the finish. Poses and trial are weighed by what each leaves uncertain. What
+clips is never scaled to other exposure times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import chi2
+
+from exposight.cell import GREY_MAX
+from exposight.errors import InputError, ObservationError
+from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
+from exposight.models.ring_forecast import RingForecast
+from exposight.observing import ObservationTable
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_PERCENTS = (5, 25, 50, 75, 95)
+_NORMAL = ndtri(np.array(_PERCENTS) / 100.0)
+
+_ONE_STRIPE_IMAGE = 0.15
+"""Standard deviation of ln radiance read from one stripe image: where the stripes happen to lie
+(measured on the simulated cell, 0.152)."""
+
+_HALF_CLIPPED = 0.04
+"""The same, read from the median of the brightest frames where less than half of a ring clips."""
+
+_JITTER = 0.015
+"""From one capture to the next: noise, rounding, quantiles of few pixels; ln of brightness."""
+
+_WIDTH = 0.02
+"""Scatter of pixels that five quantiles do not show."""
+
+_DARK, _WEAK = 8.0, 3.0
+"""Grey levels above black, and of modulation, from which quantiles are more than rounding."""
+
+_SURPRISE = 1e-5
+"""Chance below which a view's brightness is not that of the surface that was learnt."""
+
+_SAME_PLACE_MM = 2.0
+
+
+def with_trial(
+    forecast: RingForecast, places: FloatArray, trial: ObservationTable, *, other_surface: str = ""
+) -> RingForecast:
+    """Refine a forecast by captures of its views.
+
+    Parameters
+    ----------
+    forecast : RingForecast
+        From poses.
+    places : (n, 3) ndarray, mm
+        Where its rings are in the TCP frame.
+    trial : ObservationTable
+        Measured rows of these rings, at any exposure times; others are ignored.
+    other_surface : str
+        Why the surface is known to be another than the learnt one; empty where it is not.
+
+    Raises
+    ------
+    ObservationError
+        If no row is of these rings, or one was taken from another place.
+    """
+    ring_of = {key: i for i, key in enumerate(zip(forecast.features, forecast.views, strict=True))}
+    measured = trial.measured()
+    keys = list(measured.frame.select("feature", "view").iter_rows())
+    measured = measured.where(np.array([key in ring_of for key in keys], dtype=np.bool_))
+    if len(measured) == 0:
+        msg = (
+            f"the trial has no measured row of {', '.join(dict.fromkeys(forecast.features))} in "
+            f"{', '.join(dict.fromkeys(forecast.views))}; its features and views must have the "
+            "names of the forecast's"
+        )
+        raise ObservationError(msg)
+    data = ring_data(measured, black_level=forecast.black_level)
+    rings = np.array([ring_of[key] for key in data.rings.keys])
+    apart = np.linalg.norm(data.rings.positions - places[rings], axis=1)
+    if apart.max() > _SAME_PLACE_MM:
+        worst = int(apart.argmax())
+        msg = (
+            f"the trial shows {forecast.features[rings[worst]]} {apart[worst]:.1f} mm away from "
+            "where the forecast has it: it was taken from another pose; forecast that one"
+        )
+        raise InputError(msg)
+    value, variance = data.log_radiance.copy(), data.variance + _JITTER**2
+    usable = data.limit == 0
+    best = [_best_row(measured, *key) for key in data.rings.keys]
+    for i, row in enumerate(best):
+        if usable[i] and data.source == "i_avg" and row.get("brightness_source") == "stripe":
+            variance[i] += _ONE_STRIPE_IMAGE**2
+        elif not usable[i] and data.limit[i] > 0:
+            median = row.get("i_max_p50")
+            if median is not None and median < 0.98 * GREY_MAX:
+                log_max = math.log(median - forecast.black_level) - math.log(row["exposure_ms"])
+                value[i] = log_max - float(np.median(forecast.points.high[rings[i]]))
+                variance[i], usable[i] = _HALF_CLIPPED**2, True
+    refined = _weighed(forecast, rings[usable], value[usable], variance[usable], other_surface)
+    rows = {int(ring): row for ring, row in zip(rings, best, strict=True)}
+    return _with_quantiles(refined, rows)
+
+
+def _best_row(table: ObservationTable, feature: str, view: str) -> Mapping[str, Any]:
+    """Return the ring's brightest capture without clipping, or else its darkest."""
+    frame = table.frame
+    frame = frame.filter((frame["feature"] == feature) & (frame["view"] == view))
+    frame = frame.with_columns(pl.Series("_clipped", clipped_share(frame))).sort("exposure_ms")
+    clear = frame.filter(frame["_clipped"] <= FEW_CLIPPED)
+    return clear.row(-1, named=True) if clear.height else frame.row(0, named=True)
+
+
+def _weighed(
+    forecast: RingForecast,
+    rings: NDArray[np.int64],
+    value: FloatArray,
+    variance: FloatArray,
+    other_surface: str,
+) -> RingForecast:
+    """Weigh poses and measured radiance, jointly for all rings; notice contradictions."""
+    if len(rings) == 0:
+        return forecast
+    within = forecast.covariance[np.ix_(rings, rings)] + np.diag(variance)
+    error = value - forecast.mean[rings]
+    squared = float(error @ np.linalg.solve(within, error))
+    surprise = not other_surface and float(chi2.sf(squared, len(rings))) < _SURPRISE
+    if surprise or other_surface:
+        factor = math.exp(float(np.median(error)))
+        reason = other_surface or (
+            "this is not the surface that was learnt: the trial is "
+            f"{factor:.3g} times as bright as expected"
+        )
+        mean, covariance = forecast.mean.copy(), forecast.covariance.copy()
+        covariance[rings, :] = covariance[:, rings] = 0.0
+        mean[rings], covariance[rings, rings] = value, variance
+        measured = set(rings.tolist())
+        return replace(
+            forecast,
+            mean=mean,
+            covariance=covariance,
+            source=tuple(
+                "capture" if i in measured else source for i, source in enumerate(forecast.source)
+            ),
+            unknown=tuple("" if i in measured else reason for i in range(len(forecast.features))),
+            remarks=(*forecast.remarks, reason),
+        )
+    gain = np.linalg.solve(within, forecast.covariance[rings]).T
+    covariance = forecast.covariance - gain @ forecast.covariance[rings]
+    source = list(forecast.source)
+    for ring in rings:
+        source[ring] = "pose and image"
+    unknown = list(forecast.unknown)
+    for ring in rings:
+        unknown[ring] = ""
+    return replace(
+        forecast,
+        mean=forecast.mean + gain @ error,
+        covariance=0.5 * (covariance + covariance.T),
+        source=tuple(source),
+        unknown=tuple(unknown),
+    )
+
+
+def _with_quantiles(forecast: RingForecast, rows: Mapping[int, Mapping[str, Any]]) -> RingForecast:
+    """Take how radiance spreads over rings from a capture's stack where it shows it."""
+    points = forecast.points
+    k = max(points.high.shape[1], 24)
+    repeat = k // points.high.shape[1]
+    arrays = {
+        name: np.repeat(getattr(points, name), repeat, axis=1) for name in ("high", "low", "weight")
+    }
+    arrays["weight"] = arrays["weight"] / repeat
+    for name in ("width_high", "width_low", "shift_high", "shift_low"):
+        arrays[name] = getattr(points, name).copy()
+    source = list(forecast.source)
+    for ring, row in rows.items():
+        if row["_clipped"] > FEW_CLIPPED or row.get("i_max_p50") is None:
+            continue
+        exposure = math.log(row["exposure_ms"])
+        sides = (
+            ("max", "high", forecast.black_level, _DARK),
+            ("mod", "low", 0.0, _WEAK),
+        )
+        for stem, side, black, least in sides:
+            values = np.array([row[f"i_{stem}_p{percent:02d}"] for percent in _PERCENTS]) - black
+            if values[0] < least:
+                continue
+            spread = _quantile_function(np.log(values), k) - exposure
+            arrays[side][ring] = spread - forecast.mean[ring]
+            arrays["weight"][ring] = arrays["weight"][ring].sum() / k
+            arrays[f"width_{side}"][ring], arrays[f"shift_{side}"][ring] = _WIDTH, _JITTER
+            if side == "high":
+                source[ring] = "capture" if source[ring] == "capture" else "pose and capture"
+    return replace(forecast, points=points._replace(**arrays), source=tuple(source))
+
+
+def _quantile_function(values: FloatArray, k: int) -> FloatArray:
+    """Return k equally likely values of a distribution known by its quantiles `_PERCENTS`.
+
+    Linear in the normal score, so that a normal distribution is given back; the ends go on as
+    their last pieces do.
+    """
+    score = ndtri((np.arange(k) + 0.5) / k)
+    inner: FloatArray = np.interp(score, _NORMAL, values)
+    first = (values[1] - values[0]) / (_NORMAL[1] - _NORMAL[0])
+    last = (values[-1] - values[-2]) / (_NORMAL[-1] - _NORMAL[-2])
+    below, above = score < _NORMAL[0], score > _NORMAL[-1]
+    inner[below] = values[0] + first * (score[below] - _NORMAL[0])
+    inner[above] = values[-1] + last * (score[above] - _NORMAL[-1])
+    return inner

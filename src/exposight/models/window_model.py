@@ -1,0 +1,365 @@
+"""The default quality model: p_norm over exposure time from a ring's pose; and its training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from exposight.cell import PRESETS, ActiveSensor
+from exposight.errors import InputError, ObservationError
+from exposight.models.evaluation import check_rows
+from exposight.models.log_radiance import LogRadiance
+from exposight.models.predictor import (
+    Hyperparameter,
+    Prediction,
+    Predictor,
+    Provenance,
+    input_array,
+    register_predictor,
+)
+from exposight.models.radiance_model import (
+    CHUNK,
+    EXPOSURE,
+    FAR,
+    P_NORM_NEED,
+    QUALITY,
+    Origin,
+    RadianceModel,
+)
+from exposight.models.radiance_search import MeanKind
+from exposight.models.ring_data import ring_data
+from exposight.models.ring_forecast import RingForecast
+from exposight.models.ring_light import POSE_COLUMNS, Rings
+from exposight.models.trial import with_trial
+from exposight.models.window import Window
+from exposight.models.window_fit import fit_window
+from exposight.observing import ObservationTable
+from exposight.tables import counted
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+@register_predictor
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowModel(Predictor):
+    """Predicts p_norm over exposure time, from a ring's pose.
+
+    Parameters
+    ----------
+    name, title, target, inputs, provenance, sensor
+        As in `Predictor`.
+    radiance : RadianceModel
+        How bright rings are.
+    window : Window
+        Between which limits a sensor gives points.
+    n_rows : int
+        Captures of rings that the limits were learnt from.
+    """
+
+    kind: ClassVar[str] = "window"
+    optional_inputs: ClassVar[tuple[str, ...]] = RadianceModel.optional_inputs
+
+    radiance: RadianceModel
+    window: Window
+    n_rows: int
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The sensor's two limits: grey levels of modulation, and grey levels above black."""
+        return self.window.limits
+
+    def predict_frame(self, frame: pl.DataFrame) -> Prediction:
+        """Predict for a frame with `inputs` and perhaps `optional_inputs`."""
+        mean, low, high, known = self._by_row(
+            frame,
+            lambda forecast: (
+                forecast.p_norm,
+                forecast.low,
+                forecast.high,
+                np.broadcast_to(forecast.knows[:, None], forecast.p_norm.shape),
+            ),
+        )
+        return Prediction(
+            mean=mean,
+            std=np.maximum((high - low) / 4.0, self.window.scatter),
+            inside=known > 0.5,
+            low=low,
+            high=high,
+        )
+
+    def quantiles(self, frame: pl.DataFrame, levels: Sequence[float]) -> FloatArray:
+        """Return quantiles of p_norm, (len(levels), n), one row of `frame` each."""
+        return np.stack(self._by_row(frame, lambda forecast: tuple(map(forecast.quantile, levels))))
+
+    def chance(self, frame: pl.DataFrame, need: float = P_NORM_NEED) -> FloatArray:
+        """Return the chance that p_norm reaches a value, (n,)."""
+        return self._by_row(frame, lambda forecast: (forecast.chance_of(need),))[0]
+
+    def _by_row(self, frame: pl.DataFrame, read: Any) -> list[FloatArray]:
+        rings, ring = self.radiance.rings(frame)
+        exposure_ms = input_array(self.name, frame.select("exposure_ms"))[:, 0]
+        out: list[FloatArray] = []
+        for start in range(0, len(rings), CHUNK):
+            some = range(start, min(start + CHUNK, len(rings)))
+            rows = np.flatnonzero((ring >= start) & (ring < start + CHUNK))
+            times, place = np.unique(exposure_ms[rows], return_inverse=True)
+            forecast = self._forecast(rings.take(some), times, P_NORM_NEED, frame)
+            for i, values in enumerate(read(forecast)):
+                if start == 0:
+                    out.append(np.empty(len(exposure_ms)))
+                out[i][rows] = values[ring[rows] - start, place]
+        return out
+
+    def forecast(
+        self,
+        rings: pl.DataFrame,
+        exposures_ms: Sequence[float] | FloatArray,
+        *,
+        trial: ObservationTable | None = None,
+        need: float = P_NORM_NEED,
+    ) -> RingForecast:
+        """Forecast rings over exposure time.
+
+        Parameters
+        ----------
+        rings : polars.DataFrame
+            ``feature``, ``view``, `POSE_COLUMNS`, and of `optional_inputs` what there is; a row for
+            each ring.
+        exposures_ms : sequence of float, ms
+            Exposure times to look at.
+        trial : ObservationTable, optional
+            Captures of these views, at any exposure times.
+        need : float
+            Quality that is asked for.
+
+        Raises
+        ------
+        ObservationError
+            If rings are of another sensor or TCP, or the trial has no row of them.
+        InputError
+            If there is no ring or exposure time, or the trial was taken from another pose.
+        """
+        times = np.asarray(exposures_ms, dtype=np.float64)
+        if rings.height == 0 or times.size == 0 or not (times > 0).all():
+            msg = (
+                "a forecast needs at least one ring and exposure times above 0 ms, got "
+                f"{rings.height} rings and {times.tolist()[:5]}"
+            )
+            raise InputError(msg)
+        unique, _ = self.radiance.rings(rings)
+        if len(unique) != rings.height:
+            msg = f"the same ring twice among {rings.height}; give each feature and view once"
+            raise InputError(msg)
+        forecast = self._forecast(unique, times, need, rings)
+        if trial is None:
+            return forecast
+        contradictions = self.radiance.origin.contradictions(trial.measured().frame)
+        for name in ("sensor", "tcp"):
+            if name in contradictions:
+                msg = f"{self.name}: the trial is of {contradictions[name]}"
+                raise ObservationError(msg)
+        forecast = replace(forecast, features=tuple(rings["feature"]), views=tuple(rings["view"]))
+        return with_trial(
+            forecast, unique.positions, trial, other_surface=contradictions.get("finish", "")
+        )
+
+    def _forecast(
+        self, rings: Rings, times: FloatArray, need: float, frame: pl.DataFrame
+    ) -> RingForecast:
+        learnt = self.radiance.learnt
+        prediction = learnt.predict(rings)
+        points = self.window.points(learnt, rings, prediction.light)
+        finish = self.radiance.origin.contradictions(frame).get("finish", "")
+        dark = points.weight.sum(axis=1) < 0.5
+        unknown = tuple(
+            finish
+            or ("outside the light of the projector, or out of a camera's frame" if unlit else "")
+            or (
+                f"{far:.1f} length scales from anything learnt; a capture of this view would tell"
+                if far > FAR
+                else ""
+            )
+            for far, unlit in zip(prediction.distance.tolist(), dark.tolist(), strict=True)
+        )
+        return RingForecast(
+            features=rings.features,
+            views=rings.views,
+            exposures_ms=times,
+            mean=prediction.mean,
+            covariance=prediction.covariance,
+            points=points,
+            window=self.window,
+            black_level=self.radiance.black_level,
+            need=need,
+            distance=prediction.distance,
+            source=("pose",) * len(rings),
+            unknown=unknown,
+        )
+
+    @property
+    def n_observations(self) -> int:
+        """Number of rows that the limits were learnt from."""
+        return self.n_rows
+
+    @property
+    def training_range(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest position and angle that were learnt from."""
+        return self.radiance.training_range
+
+    def remarks(self, frame: pl.DataFrame) -> tuple[str, ...]:
+        """Say which rows are not of the finish that was learnt."""
+        return self.radiance.remarks(frame)
+
+    def with_observations(self, table: ObservationTable) -> WindowModel:
+        """Learn from more captures, as a cell does after each; the limits stay."""
+        radiance = self.radiance.with_observations(table)
+        return replace(self, radiance=radiance, provenance=radiance.provenance)
+
+    def hyperparameters(self) -> tuple[Hyperparameter, ...]:
+        """Return the limits, widths and shifts of the window."""
+        window = self.window
+        low, high = window.limits
+        items = (
+            ("limit of modulation", low, "grey levels"),
+            ("limit above black", high, "grey levels"),
+            ("width of the dark edge", window.width_low, "ln"),
+            ("width of the bright edge", window.width_high, "ln"),
+            ("shift of the dark edge", window.shift_low, "ln"),
+            ("shift of the bright edge", window.shift_high, "ln"),
+            ("scatter", window.scatter, ""),
+            ("best p_norm", float(window.best[0]), ""),
+        )
+        return tuple(
+            Hyperparameter(name=name, quantity="parameter", inputs=(), value=value, unit=unit)
+            for name, value, unit in items
+        )
+
+    def to_document(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return the limits, and the radiance model's document."""
+        content, arrays = self.radiance.to_document()
+        kept = vars(self.window)
+        numbers = {name: value for name, value in kept.items() if isinstance(value, float)}
+        further = {f"window_{n}": v for n, v in kept.items() if isinstance(v, np.ndarray)}
+        radiance = {
+            "name": self.radiance.name,
+            "title": self.radiance.title,
+            "inputs": list(self.radiance.inputs),
+            **content,
+        }
+        return (
+            {"radiance": radiance, "window": numbers, "n_rows": self.n_rows},
+            {**arrays, **further},
+        )
+
+    @classmethod
+    def from_document(
+        cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
+    ) -> WindowModel:
+        """Rebuild a model and the radiance model in it."""
+        inner = dict(content["radiance"])
+        of_radiance = {
+            **common,
+            "target": "exposure_ms",
+            "name": inner.pop("name"),
+            "title": inner.pop("title"),
+            "inputs": tuple(inner.pop("inputs")),
+        }
+        further: dict[str, Any] = {
+            name.removeprefix("window_"): array
+            for name, array in arrays.items()
+            if name.startswith("window_")
+        }
+        window = Window(**content["window"], **further)
+        radiance = RadianceModel.from_document(of_radiance, inner, arrays)
+        return cls(**common, radiance=radiance, window=window, n_rows=content["n_rows"])
+
+
+_LEAST_RINGS = 3
+"""Fewer rings leave nothing to learn a band from."""
+
+
+def train_window(
+    table: ObservationTable,
+    *,
+    sensor: ActiveSensor | None = None,
+    mean: MeanKind | None = None,
+    start_from: WindowModel | None = None,
+    source: str = "a table in memory",
+    source_sha256: str | None = None,
+    seed: int | None = None,
+) -> WindowModel:
+    """Train the radiance model and the window model on observations.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Rows that were not measured are left out.
+    sensor : ActiveSensor, optional
+        The sensor of the observations. Left out, it is that of `start_from`, or the preset that the
+        table names.
+    mean : {'projector', 'camera', 'none'}, optional
+        What the physical mean knows; as much as the sensor allows by default.
+    start_from : WindowModel, optional
+        A model of the same sensor on another finish: the sensor's limits are kept, and its
+        hyperparameters are where the search starts; the surface is learnt anew.
+    source, source_sha256, seed
+        Of the table; kept in the model's provenance.
+
+    Raises
+    ------
+    ObservationError
+        If rows are of several finishes or sensors, nothing was measured, or too little of it.
+    """
+    measured = table.measured()
+    check_rows(QUALITY, "train", measured, table)
+    origin = Origin.of(measured)
+    if sensor is None and start_from is not None:
+        sensor = start_from.sensor
+    if sensor is None:
+        sensor = next((each for each in PRESETS.values() if each.name == origin.sensor), None)
+    if sensor is not None and origin.sensor and origin.sensor != sensor.name:
+        msg = f"the observations are of sensor {origin.sensor!r}, the one given is {sensor.name!r}"
+        raise ObservationError(msg)
+    if mean is None:
+        mean = "none" if sensor is None else "projector" if sensor.projector else "camera"
+    previous = start_from.radiance if start_from is not None else None
+    data = ring_data(measured, black_level=previous.black_level if previous else None)
+    if len(data) < _LEAST_RINGS:
+        msg = (
+            f"{counted(len(data), 'ring')} (of a feature in a view) is too little to learn from; "
+            f"at least {_LEAST_RINGS} are needed, and ten from several views for useful bands"
+        )
+        raise ObservationError(msg)
+    learnt = LogRadiance.fit(
+        data, sensor, kind=mean, start_from=previous.learnt if previous else None
+    )
+    provenance = Provenance.of(measured, source=source, sha256=source_sha256, seed=seed)
+    radiance = RadianceModel(
+        name=EXPOSURE,
+        title="exposure time, radiance",
+        target="exposure_ms",
+        inputs=(data.source, *POSE_COLUMNS),
+        provenance=provenance,
+        sensor=sensor,
+        learnt=learnt,
+        black_level=data.black_level,
+        origin=origin,
+    )
+    known = start_from.window if start_from else None
+    window = known or fit_window(learnt, data, measured.frame)
+    return WindowModel(
+        name=QUALITY,
+        title="quality, window",
+        target="p_norm",
+        inputs=(*POSE_COLUMNS, "exposure_ms"),
+        provenance=provenance,
+        sensor=sensor,
+        radiance=radiance,
+        window=window,
+        n_rows=len(measured),
+    )
