@@ -90,9 +90,12 @@ def judge(task: tuple[str, Mapping[str, ObservationTable]]) -> list[Figure]:
         training = Training(
             specification=variant.specification, table=rows, seed=_SETTINGS.seed, restarts=1
         )
+        model = training.run()
         (score,) = (
             each.score
-            for each in score_variant(variant, training.run(), datasets)
+            for each in score_variant(
+                variant, model, datasets, train_by_view=model.with_training_rows
+            )
             if each.evaluation.role == role
         )
         if score is None:

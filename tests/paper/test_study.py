@@ -4,14 +4,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from exposight.errors import FeatureError, FileError, InputError
+from exposight.models import Prediction, Predictor, Provenance, model_named
 from exposight.observing import ObservationTable
-from exposight.paper import StudyResult, StudySettings, run_study, table_files
+from exposight.paper import StudyResult, StudySettings, add_to_study, run_study, table_files
 
 SCRIPT = """
 import sys
@@ -96,6 +100,101 @@ def test_the_same_study_again_uses_what_is_there(
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")} == before
     assert stages["training models"] == [29]
     assert table_files(again) == table_files(result)
+
+
+# -- further predictors in the tables -----------------------------------------------------------
+
+
+LINES = ("table", "dataset", "role", "features", "trained_on", "n_train", "n", "unit")
+
+
+def lines_of(study: StudyResult, variant: str) -> pl.DataFrame:
+    return study.tables.scores.filter(pl.col("variant") == variant)
+
+
+def test_a_specification_is_evaluated_on_the_rows_of_the_papers_model(result: StudyResult) -> None:
+    theirs = replace(model_named("e_k6"), name="theirs", title="in logarithms", target_scale="log")
+    study = add_to_study(result, theirs, beside="e_k6")
+    added, beside = lines_of(study, "theirs"), lines_of(study, "e_k6")
+    assert_frame_equal(added.select(LINES), beside.select(LINES))
+    assert added["rmse"].is_not_null().all()
+    assert added["paper_rmse"].is_null().all()
+    assert not added["rmse"].equals(beside["rmse"])
+
+
+def test_the_papers_own_form_gets_the_papers_models_scores(result: StudyResult) -> None:
+    again = replace(model_named("e_k6"), name="again")
+    study = add_to_study(result, again, beside="e_k6")
+    numbers = ("r2_percent", "rmse", "coverage_2sigma_percent")
+    added, beside = lines_of(study, "again"), lines_of(study, "e_k6")
+    assert_frame_equal(added.select(numbers), beside.select(numbers))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mean(Predictor):
+    """Predicts the mean of what it was trained on, whatever the inputs."""
+
+    kind = "tests/mean"
+    mean: float
+    views: frozenset[str]
+
+    @classmethod
+    def train(cls, table: ObservationTable) -> "Mean":
+        return cls(
+            name="mean",
+            title="a mean",
+            target="p_norm",
+            inputs=("i_avg",),
+            provenance=Provenance.of(table),
+            mean=table.frame["p_norm"].mean(),
+            views=frozenset(table.names("view")),
+        )
+
+    def predict_frame(self, frame: pl.DataFrame) -> Prediction:
+        mean = np.full(len(frame), self.mean)
+        return Prediction(mean=mean, std=mean, inside=np.ones(len(frame), dtype=np.bool_))
+
+
+def test_any_predictor_is_given_the_training_rows_alone(result: StudyResult) -> None:
+    given: list[ObservationTable] = []
+
+    def train(table: ObservationTable) -> Mean:
+        given.append(table)
+        return Mean.train(table)
+
+    study = add_to_study(result, train, beside="q_k4")
+    dataset = result.dataset("X")
+    assert given == [dataset.train, dataset.train_by_view]
+    by_role = dict(lines_of(study, "mean").select("role", "mse").iter_rows())
+    observed = result.dataset("X_test").table.frame["p_norm"]
+    error = observed - dataset.train.frame["p_norm"].mean()
+    assert by_role["test"] == pytest.approx((error**2).mean())
+
+
+def test_further_lines_end_their_tables_and_change_no_other(result: StudyResult) -> None:
+    study = add_to_study(result, Mean.train, beside="q_k4")
+    others = study.tables.scores.filter(pl.col("variant") != "mean")
+    assert_frame_equal(others, result.tables.scores)
+    for _, table in study.tables.scores.group_by("table"):
+        assert "mean" not in table["variant"] or table["variant"][-1] == "mean"
+    assert study.findings == result.findings
+    assert b"mean,a mean" in table_files(study)["table-2.csv"]
+
+
+@pytest.mark.parametrize(
+    ("model", "beside", "message"),
+    [
+        (model_named("q_k1"), "q_k4", "a name that is not taken, got 'q_k1'"),
+        (replace(model_named("e_k1"), name="theirs"), "q_k4", "which predicts exposure_ms"),
+        (Mean.train, "e_k6", "a model beside e_k6 predicts exposure_ms"),
+        (Mean.train, "q_k5", "no variant 'q_k5'"),
+    ],
+)
+def test_a_predictor_that_does_not_belong_beside_a_model_is_refused(
+    result: StudyResult, model: object, beside: str, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        add_to_study(result, model, beside=beside)
 
 
 def test_a_damaged_model_is_trained_again(

@@ -27,7 +27,7 @@ from exposight.paper.results import (
     TrainedVariant,
 )
 from exposight.paper.scores import score_variant
-from exposight.paper.study import run_study
+from exposight.paper.study import add_to_study, run_study
 from exposight.paper.study_settings import StudySettings
 from exposight.paper.study_tables import table_files
 from exposight.paper.variants import VARIANTS, EvaluationRole, EvaluationSet, Variant

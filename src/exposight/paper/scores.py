@@ -1,11 +1,11 @@
 """Scores: every trained variant evaluated on every set of rows that the paper uses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from exposight.errors import ObservationError
-from exposight.models import GaussianProcessModel, evaluate
+from exposight.models import GaussianProcessModel, ModelSpecification, Predictor, evaluate
 from exposight.observing import ObservationTable
 from exposight.paper.datasets import Dataset, inside_range
 from exposight.paper.results import LearningCurve, LearningStep, Score, TrainedVariant
@@ -13,7 +13,11 @@ from exposight.paper.variants import EvaluationRole, EvaluationSet, Variant
 
 
 def score_variant(
-    variant: Variant, model: GaussianProcessModel, datasets: Mapping[str, Dataset]
+    variant: Variant,
+    model: Predictor,
+    datasets: Mapping[str, Dataset],
+    *,
+    train_by_view: Callable[[ObservationTable], Predictor],
 ) -> tuple[Score, ...]:
     """Evaluate a trained variant on all its sets of rows.
 
@@ -21,10 +25,14 @@ def score_variant(
     ----------
     variant : Variant
         Its definition.
-    model : GaussianProcessModel
+    model : Predictor
         Trained on ``datasets[variant.dataset].train``.
     datasets : mapping of str to Dataset
         All datasets by name.
+    train_by_view : callable
+        Trains one like it on the rows of other views. A Gaussian process's `with_training_rows`
+        will do: other rows change what it knows; its few hyperparameters, fitted to a thousand rows
+        of the same kind, would stay nearly the same.
 
     Returns
     -------
@@ -32,25 +40,27 @@ def score_variant(
         In the order of ``variant.evaluations``.
     """
     dataset = datasets[variant.dataset]
-    train = _side(dataset.train, dataset)
-    by_view: GaussianProcessModel | None = None
+    train = trained_side(dataset)
+    by_view: Predictor | None = None
     scores = []
     for line in variant.evaluations:
         judged = model
         if line.role == "validation_by_view":
-            # Other training rows change what a model knows; its few hyperparameters, fitted to a
-            # thousand rows of the same kind, would stay nearly the same.
-            rows = _side(dataset.train_by_view, dataset)
-            by_view = by_view or model.with_training_rows(rows)
+            by_view = by_view or train_by_view(_side(dataset.train_by_view, dataset))
             judged = by_view
-        scores.append(score_on(line, judged, _rows(line, datasets, train)))
+        scores.append(score_on(line, variant.specification, judged, _rows(line, datasets, train)))
     return tuple(scores)
 
 
-def score_on(line: EvaluationSet, model: GaussianProcessModel, rows: ObservationTable) -> Score:
-    """Evaluate a model on rows of its own kind (`ModelSpecification.rows`), if any is left."""
-    usable = len(model.specification.rows(rows)) > 0
-    return Score(evaluation=line, result=evaluate(model, rows) if usable else None)
+def score_on(
+    line: EvaluationSet,
+    specification: ModelSpecification,
+    model: Predictor,
+    rows: ObservationTable,
+) -> Score:
+    """Evaluate a model on those rows that a specification learns from, if any is left."""
+    usable = model.rows(specification.rows(rows))
+    return Score(evaluation=line, result=evaluate(model, usable) if len(usable) else None)
 
 
 def learning_curve(
@@ -75,10 +85,11 @@ def learning_curve(
     line = next(score for score in trained.scores if score.evaluation.role == role)
     if line.result is None:
         return None
+    form = trained.variant.specification
     steps = [
         LearningStep(n_train=model.n_observations, score=score)
         for model in (*fewer, trained.model)
-        if (score := score_on(line.evaluation, model, line.result.table).score) is not None
+        if (score := score_on(line.evaluation, form, model, line.result.table).score) is not None
     ]
     return LearningCurve(
         variant=trained.variant.name,
@@ -104,6 +115,11 @@ def _rows(
     if line.inside and len(table):
         table = table.where(inside_range(train, table, line.inside))
     return table
+
+
+def trained_side(dataset: Dataset) -> ObservationTable:
+    """Return the side of a dataset's random split that trains; `ObservationError` without one."""
+    return _side(dataset.train, dataset)
 
 
 def _side(table: ObservationTable | None, dataset: Dataset) -> ObservationTable:

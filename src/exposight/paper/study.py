@@ -10,26 +10,28 @@ Both are named by checksums of what they were made from, so running again uses w
 changed setting makes only what it changes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+import polars as pl
 
 from exposight import __version__
 from exposight.cell import ActiveSensor
+from exposight.errors import InputError
 from exposight.files import make_folder
-from exposight.models import Training
+from exposight.models import GaussianProcessModel, ModelSpecification, Predictor, Training
 from exposight.observing import ObservationTable
 from exposight.paper.campaigns import CAMPAIGNS, ObservedCampaign, collect
 from exposight.paper.datasets import DATASETS, Dataset, build_dataset
 from exposight.paper.findings import judge
 from exposight.paper.kept_models import table_checksum, train_or_read
 from exposight.paper.results import DependenceMatrix, LearningCurve, StudyResult, TrainedVariant
-from exposight.paper.scores import learning_curve, score_variant
+from exposight.paper.scores import learning_curve, score_variant, trained_side
 from exposight.paper.study_settings import SensorKind, StudySettings
-from exposight.paper.study_tables import study_tables
+from exposight.paper.study_tables import score_row, study_tables
 from exposight.paper.variants import LEARNING_CURVES, VARIANTS, Variant
 from exposight.statistics import maximal_information_matrix
 from exposight.workers import Progress, ignore_progress
@@ -116,6 +118,79 @@ def run_study(
     return replace(result, findings=judge(result))
 
 
+def add_to_study(
+    study: StudyResult,
+    model: ModelSpecification | Callable[[ObservationTable], Predictor],
+    *,
+    beside: str,
+) -> StudyResult:
+    """Train a further predictor on the rows of one of the paper's, and add it to the tables.
+
+    Parameters
+    ----------
+    study : StudyResult
+        What `run_study` returned.
+    model : ModelSpecification or callable
+        A Gaussian process, trained as the paper's are; or a function that trains a predictor of any
+        kind on a table. It is given the training rows alone.
+    beside : str
+        The paper's model (`VARIANTS`) whose rows it learns from and is evaluated on: ``e_k6``.
+
+    Returns
+    -------
+    StudyResult
+        Its lines are the last of ``tables.scores``' tables, and so of the page and the CSV files;
+        all else stays.
+
+    Raises
+    ------
+    InputError
+        If the study has no such model, the predictor has another target, or its name is taken.
+    ExposightError
+        As for `Training.run` or the function.
+    """
+    paper = study.variant(beside)
+    variant, datasets = paper.variant, {dataset.name: dataset for dataset in study.datasets}
+    rows = trained_side(datasets[variant.dataset])
+
+    def train(rows: ObservationTable) -> Predictor:
+        if not isinstance(model, ModelSpecification):
+            return model(rows)
+        form = replace(variant, specification=model)
+        return _training(form, rows, paper.model.sensor, study.settings).run()
+
+    if isinstance(model, ModelSpecification):
+        _check_further(study, variant, model)
+    predictor = train(rows)
+    _check_further(study, variant, predictor)
+    named = replace(variant, name=predictor.name, title=predictor.title)
+    by_view: Callable[[ObservationTable], Predictor] = train
+    if isinstance(predictor, GaussianProcessModel):  # as the paper's are trained there
+        by_view = predictor.with_training_rows
+    scores = score_variant(named, predictor, datasets, train_by_view=by_view)
+    lines = pl.DataFrame(
+        [score_row(named, len(rows), score) for score in scores], infer_schema_length=None
+    )
+    table = pl.concat([study.tables.scores, lines], how="vertical_relaxed")
+    table = table.sort("table", maintain_order=True)
+    return replace(study, tables=replace(study.tables, scores=table))
+
+
+def _check_further(
+    study: StudyResult, variant: Variant, model: ModelSpecification | Predictor
+) -> None:
+    """Check that a predictor can stand in the tables beside one of the paper's."""
+    taken = study.tables.scores["variant"].unique(maintain_order=True).to_list()
+    if model.target == variant.specification.target and model.name not in taken:
+        return
+    msg = (
+        f"a model beside {variant.name} predicts {variant.specification.target} and has a name "
+        f"that is not taken, got {model.name!r}, which predicts {model.target}; taken are "
+        f"{', '.join(taken)}"
+    )
+    raise InputError(msg)
+
+
 def _sensors(observed: Mapping[str, ObservedCampaign]) -> dict[SensorKind, ActiveSensor]:
     """Return the sensor of each kind, that of the required campaign."""
     return {
@@ -148,7 +223,7 @@ def _train(
     for done, (variant, training) in enumerate(full.items()):
         progress("evaluating models", done, len(full))
         model = models[id(training)]
-        scores = score_variant(variant, model, datasets)
+        scores = score_variant(variant, model, datasets, train_by_view=model.with_training_rows)
         trained.append(TrainedVariant(variant=variant, model=model, scores=scores))
         steps = [models[id(step)] for step in fewer.get(variant, ())]
         if steps and (curve := learning_curve(trained[-1], LEARNING_CURVES[variant.name], steps)):
@@ -158,7 +233,7 @@ def _train(
 
 
 def _training(
-    variant: Variant, rows: ObservationTable, sensor: ActiveSensor, settings: StudySettings
+    variant: Variant, rows: ObservationTable, sensor: ActiveSensor | None, settings: StudySettings
 ) -> Training:
     return Training(
         specification=variant.specification,

@@ -22,6 +22,7 @@ from exposight.models import Hyperparameter
 from exposight.observing import ObservationTable
 from exposight.paper.datasets import Dataset
 from exposight.paper.results import Score, StudyResult, StudyTables, TrainedVariant
+from exposight.paper.variants import Variant
 
 RANGES: Final = ("p_norm", "i_avg", "exposure_ms", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 """Columns of which Table 9 prints the range; r is 0 throughout."""
@@ -117,12 +118,17 @@ def _frame(rows: Iterable[Mapping[str, object]]) -> pl.DataFrame:
 
 def score_table(variants: Iterable[TrainedVariant]) -> pl.DataFrame:
     """Return Tables 2 to 6, one after the other (`StudyTables`)."""
-    rows = [_score_row(trained, score) for trained in variants for score in trained.scores]
+    rows = [
+        score_row(trained.variant, trained.model.n_observations, score)
+        for trained in variants
+        for score in trained.scores
+    ]
     return _frame(sorted(rows, key=operator.itemgetter("table")))  # keeps their order
 
 
-def _score_row(trained: TrainedVariant, line: Score) -> dict[str, object]:
-    variant, rows, score = trained.variant, line.evaluation, line.score
+def score_row(variant: Variant, n_train: int, line: Score) -> dict[str, object]:
+    """Return one line of Tables 2 to 6 (`StudyTables`), of a variant trained on so many rows."""
+    rows, score = line.evaluation, line.score
     paper = published_scores().get((variant.name, rows.paper_dataset, rows.paper_features), {})
     full_scale = 100.0 if variant.unit == "%" else 1.0  # p_norm is tabulated in percent
     r2 = None if score is None or math.isnan(score.r2_percent) else score.r2_percent
@@ -132,7 +138,7 @@ def _score_row(trained: TrainedVariant, line: Score) -> dict[str, object]:
         "variant": variant.name,
         "variant_title": variant.title,
         "trained_on": variant.dataset,
-        "n_train": trained.model.n_observations,
+        "n_train": n_train,
         "dataset": rows.paper_dataset,
         "role": rows.role,
         "features": rows.paper_features,
