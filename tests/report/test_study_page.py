@@ -370,3 +370,11 @@ def test_a_table_with_both_targets_is_shown_in_two(study):
     assert '<table id="table-4-quality"' in page
     assert '<table id="table-4-exposure-time"' in page
     assert "MSE, ms²" in page
+
+
+def test_a_further_model_has_lines_of_its_own_without_the_papers_numbers(study):
+    theirs = {name: None for name in LINE if name.startswith("paper") or "difference" in name}
+    lines = pl.DataFrame([LINE, LINE | theirs | {"variant": "theirs <1>", "rmse": 7.25}])
+    page = study_page(replace(study, tables=replace(study.tables, scores=lines)), ())
+    assert "<code>theirs &lt;1&gt;</code>" in page
+    assert 7.25 in numbers_in(page, "table-2")

@@ -24,4 +24,5 @@ from exposight.gp.kernels import (
     kernel_from_dict,
     register_kernel,
 )
+from exposight.gp.observations import FloatArray
 from exposight.gp.regression import GaussianProcess, JointPrediction, Prediction

@@ -3,7 +3,8 @@
 The paper's Gaussian processes are one kind. Another kind is a frozen dataclass that inherits from
 `Predictor`, names its `kind`, is registered by `register_predictor`, and implements
 `predict_frame`; `examples/04_own_predictor.py` is one. It is then saved, loaded, evaluated and used
-in forecasts like any other.
+in forecasts like any other. A Gaussian process with another kernel, or of the target's logarithm,
+needs no new kind: `exposight.gp.Leaf`, `ModelSpecification.target_scale`.
 """
 
 from __future__ import annotations
