@@ -42,8 +42,14 @@ _JITTER = 0.015
 _WIDTH = 0.02
 """Scatter of pixels that five quantiles do not show."""
 
-_DARK, _WEAK = 8.0, 3.0
+_ROUNDED = {"max": 8.0, "mod": 3.0}
 """Grey levels above black, and of modulation, from which quantiles are more than rounding."""
+
+_BETTER = {"max": 40.0, "mod": 12.0}
+"""The same, from which they say more than a learnt surface does."""
+
+_FEWEST = 3
+"""Quantiles that must be neither dark nor clipped."""
 
 _SURPRISE = 1e-5
 """Chance below which a view's brightness is not that of the surface that was learnt."""
@@ -183,18 +189,19 @@ def _with_quantiles(forecast: RingForecast, rows: Mapping[int, Mapping[str, Any]
         arrays[name] = getattr(points, name).copy()
     source = list(forecast.source)
     for ring, row in rows.items():
-        if row["_clipped"] > FEW_CLIPPED or row.get("i_max_p50") is None:
+        alone = source[ring] == "capture"
+        if row.get("i_max_p50") is None or (row["_clipped"] > FEW_CLIPPED and not alone):
             continue
         exposure = math.log(row["exposure_ms"])
-        sides = (
-            ("max", "high", forecast.black_level, _DARK),
-            ("mod", "low", 0.0, _WEAK),
-        )
-        for stem, side, black, least in sides:
-            values = np.array([row[f"i_{stem}_p{percent:02d}"] for percent in _PERCENTS]) - black
-            if values[0] < least:
+        for stem, side, black in (("max", "high", forecast.black_level), ("mod", "low", 0.0)):
+            grey = np.array([row[f"i_{stem}_p{percent:02d}"] for percent in _PERCENTS])
+            shown = grey - black > (_ROUNDED if alone else _BETTER)[stem]
+            if stem == "max":
+                shown &= grey < 0.995 * GREY_MAX
+            if np.count_nonzero(shown) < (_FEWEST if alone else len(_PERCENTS)):
                 continue
-            spread = _quantile_function(np.log(values), k) - exposure
+            values = np.log(grey[shown] - black)
+            spread = _quantile_function(_NORMAL[shown], values, k) - exposure
             arrays[side][ring] = spread - forecast.mean[ring]
             arrays["weight"][ring] = arrays["weight"][ring].sum() / k
             arrays[f"width_{side}"][ring], arrays[f"shift_{side}"][ring] = _WIDTH, _JITTER
@@ -203,17 +210,17 @@ def _with_quantiles(forecast: RingForecast, rows: Mapping[int, Mapping[str, Any]
     return replace(forecast, points=points._replace(**arrays), source=tuple(source))
 
 
-def _quantile_function(values: FloatArray, k: int) -> FloatArray:
-    """Return k equally likely values of a distribution known by its quantiles `_PERCENTS`.
+def _quantile_function(scores: FloatArray, values: FloatArray, k: int) -> FloatArray:
+    """Return k equally likely values of a distribution known by its values at normal scores.
 
     Linear in the normal score, so that a normal distribution is given back; the ends go on as
     their last pieces do.
     """
     score = ndtri((np.arange(k) + 0.5) / k)
-    inner: FloatArray = np.interp(score, _NORMAL, values)
-    first = (values[1] - values[0]) / (_NORMAL[1] - _NORMAL[0])
-    last = (values[-1] - values[-2]) / (_NORMAL[-1] - _NORMAL[-2])
-    below, above = score < _NORMAL[0], score > _NORMAL[-1]
-    inner[below] = values[0] + first * (score[below] - _NORMAL[0])
-    inner[above] = values[-1] + last * (score[above] - _NORMAL[-1])
+    inner: FloatArray = np.interp(score, scores, values)
+    first = (values[1] - values[0]) / (scores[1] - scores[0])
+    last = (values[-1] - values[-2]) / (scores[-1] - scores[-2])
+    below, above = score < scores[0], score > scores[-1]
+    inner[below] = values[0] + first * (score[below] - scores[0])
+    inner[above] = values[-1] + last * (score[above] - scores[-1])
     return inner

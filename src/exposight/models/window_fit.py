@@ -37,6 +37,12 @@ _HIGH_STD, _HIGH_STD_UNSURE = 0.04, 0.6
 """Standard deviation of ln b_high round full scale above black; without the brightest frames' own
 brightness it is the mean's, and may be half of that."""
 
+_KEPT_STD = 0.02
+"""Standard deviation of ln of limits that are taken from another finish's model."""
+
+_MANY = 20
+"""So many rings tell the best p_norm by themselves."""
+
 _SPREAD = 3.29
 """Normal standard deviations between the 5th and the 95th percentile."""
 
@@ -46,7 +52,9 @@ _OUTLIER = 4.0
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
-def fit_window(model: LogRadiance, data: RingData, frame: pl.DataFrame) -> Window:
+def fit_window(
+    model: LogRadiance, data: RingData, frame: pl.DataFrame, *, start_from: Window | None = None
+) -> Window:
     """Learn a sensor's limits from the p_norm of rings whose radiance was measured.
 
     Parameters
@@ -57,13 +65,19 @@ def fit_window(model: LogRadiance, data: RingData, frame: pl.DataFrame) -> Windo
         The rings.
     frame : polars.DataFrame
         Their captures: measured rows of a table.
+    start_from : Window, optional
+        Of the same sensor on another finish: its limits are kept, but for a few percent, and so
+        is all that few captures cannot tell.
 
     Raises
     ------
     ObservationError
         If no capture reaches an edge of the window.
     """
-    offset_max, offset_mod = _offsets(frame, data.black_level)
+    if start_from is None:
+        offset_max, offset_mod = _offsets(frame, data.black_level)
+    else:
+        offset_max, offset_mod = start_from.offset_max, start_from.offset_mod
     ring = _ring_of_rows(data.rings, frame)
     measured = data.limit[ring] == 0
     frame, ring = frame.filter(pl.Series(measured)), ring[measured]
@@ -78,15 +92,31 @@ def fit_window(model: LogRadiance, data: RingData, frame: pl.DataFrame) -> Windo
     reached = np.zeros(len(data))
     np.maximum.at(reached, ring, p)
     best = np.where(reached > 0.5, reached, 1.0)
-    full = math.log(GREY_MAX - data.black_level)
-    sure = bool(offset_max.any())
-    bright = (full, _HIGH_STD) if sure else (full - 0.4, _HIGH_STD_UNSURE)
     widths = _widths(frame, data.black_level, relative[ring])
-    prior = np.array([_LOW_PRIOR, bright, *widths, *[(math.log(_EDGE[1]), _EDGE_STD)] * 2])
-    theta = _start(p / best[ring], np.median(high, axis=1), np.median(low, axis=1), prior)
+    if start_from is None:
+        full = math.log(GREY_MAX - data.black_level)
+        sure = bool(offset_max.any())
+        bright = (full, _HIGH_STD) if sure else (full - 0.4, _HIGH_STD_UNSURE)
+        usual = (math.log(_EDGE[0]), _EDGE_STD)
+        shifts = [(math.log(_EDGE[1]), _EDGE_STD)] * 2
+        prior = np.array([_LOW_PRIOR, bright, *(each or usual for each in widths), *shifts])
+        theta = _start(p / best[ring], np.median(high, axis=1), np.median(low, axis=1), prior)
+    else:
+        known = start_from
+        limits = [(known.log_low, _KEPT_STD), (known.log_high, _KEPT_STD)]
+        kept = [(math.log(each), 0.3) for each in (known.width_low, known.width_high)]
+        shifts = [(math.log(each), 0.5) for each in (known.shift_low, known.shift_high)]
+        prior = np.array(
+            [*limits, *(each or old for each, old in zip(widths, kept, strict=True)), *shifts]
+        )
+        theta = np.append(prior[:, 0], math.log(known.scatter))
+        best = place @ known.best
     for _ in range(2):
         theta, unsure = _climb(theta, np.minimum(p / best[ring], 1.0), high, low, weight, prior)
-        coefficients, best_std, scatter = _best(theta, p, ring, high, low, weight, place)
+        quality = _best(theta, p, ring, high, low, weight, place)
+        if start_from is not None and quality[3] < _MANY:
+            quality = start_from.best, start_from.best_std, start_from.scatter, quality[3]
+        coefficients, best_std, scatter, _ = quality
         best = place @ coefficients
     return Window(
         log_low=float(theta[0]),
@@ -119,10 +149,10 @@ def _best(
     low: FloatArray,
     weight: FloatArray,
     place: FloatArray,
-) -> tuple[FloatArray, float, float]:
-    """Return the coefficients of q, and its scatter over rings and over captures.
+) -> tuple[FloatArray, float, float, int]:
+    """Return the coefficients of q, its scatter over rings and over captures, and their number.
 
-    From captures well within their windows.
+    From rings with captures well within their windows.
     """
     lit = weight.sum(axis=1)
     within = (_response(theta, high, low, weight) > 0.995 * lit) & (lit > 0.5)
@@ -131,14 +161,14 @@ def _best(
     coefficients: FloatArray = np.zeros(10)
     coefficients[0] = 1.0
     if not rings.any():
-        return coefficients, 0.01, 0.01
+        return coefficients, 0.01, 0.01, 0
     total = np.bincount(ring[within], p[within] / lit[within], minlength=len(place))
     value = total[rings] / count[rings]
     coefficients = _ridge(place[rings], value)
     std = float(np.std(value - place[rings] @ coefficients))
     error = p[within] / lit[within] - (place @ coefficients)[ring[within]]
     least = 0.01 / math.sqrt(len(value))
-    return coefficients, max(std, least), max(float(error.std()), least)
+    return coefficients, max(std, least), max(float(error.std()), least), len(value)
 
 
 def _ridge(place: FloatArray, value: FloatArray) -> FloatArray:
@@ -173,16 +203,16 @@ def _offsets(frame: pl.DataFrame, black_level: float) -> tuple[FloatArray, Float
 
 def _widths(
     frame: pl.DataFrame, black_level: float, relative: FloatArray
-) -> list[tuple[float, float]]:
-    """Return priors of the logarithms of w_low and w_high.
+) -> list[tuple[float, float] | None]:
+    """Return priors of the logarithms of w_low and w_high; None where the table tells nothing.
 
-    Of the spread that quantiles show beyond that of the predicted shape, where tables have them.
+    Of the spread that quantiles show beyond that of the predicted shape.
     """
-    priors = []
+    priors: list[tuple[float, float] | None] = []
     clear = clipped_share(frame) <= FEW_CLIPPED
     for stem, black in (("mod", 0.0), ("max", black_level)):
         names = [f"i_{stem}_p05", f"i_{stem}_p95"]
-        prior = (math.log(_EDGE[0]), _EDGE_STD)
+        prior = None
         if set(names) <= set(frame.columns):
             low, high = (frame[name].fill_null(0.0).to_numpy() - black for name in names)
             told = clear & (low > _MODULATED)

@@ -351,7 +351,7 @@ def train_window(
         origin=origin,
     )
     known = start_from.window if start_from else None
-    window = known or fit_window(learnt, data, measured.frame)
+    window = fit_window(learnt, data, measured.frame, start_from=known)
     return WindowModel(
         name=QUALITY,
         title="quality, window",
