@@ -11,6 +11,7 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
+from exposight.models.proposals import propose_captures
 from exposight.models.radiance_model import RadianceModel
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,

@@ -215,14 +215,35 @@ class LogRadiance:
         process = self.process.with_observations(x, target, row_noise=data.variance[known])
         return replace(self, process=process, features=features, views=views)
 
-    def surface_beyond(self, half: FloatArray) -> FloatArray:
+    def spread(self, rings: Rings, light: RingLight | None) -> FloatArray:
+        """Return ln radiance at the points of rings, (n, k), up to a constant of each ring."""
+        if light is None:
+            return self._beyond_at_points(rings, None)
+        values, _ = light.log_radiance(self.formula.log_ratio, self.formula.roughness)
+        if self.formula.kind == "projector":
+            return values + self._surface_beyond(light.half)
+        return values + self._beyond_at_points(rings, light)
+
+    def _beyond_at_points(self, rings: Rings, light: RingLight | None) -> FloatArray:
+        """Return what goes beyond the formula at the points of rings, effects aside."""
+        points = rings.points()
+        n, k = points.shape[:2]
+        x = np.zeros((n * k, COLUMNS))
+        x[:, POSITION] = points.reshape(-1, 3)
+        x[:, ANGLES] = np.repeat(rings.poses[:, 3:5], k, axis=0)
+        if light is not None:
+            x[:, HALF] = light.half.reshape(-1, 2)
+        kernel = self.process.kernel
+        place = kernel.terms[0] if isinstance(kernel, Sum) else kernel
+        values = place.value(x, self.process.x) @ self.process.weights
+        out: FloatArray = values.reshape(n, k)
+        return out
+
+    def _surface_beyond(self, half: FloatArray) -> FloatArray:
         """Return g_surface, what the surface does beyond the formula, at half vectors (…, 2).
 
-        Interpolated on a grid over the half vectors that were learnt from; 0 where it is not a
-        term of its own.
+        Interpolated on a grid over the half vectors that were learnt from.
         """
-        if self._surface_grid is None:
-            return np.zeros(half.shape[:-1])
         low, step, values = self._surface_grid
         place = np.clip((half - low) / step, 0.0, np.array(values.shape) - 1.000001)
         cell = place.astype(np.int64)
@@ -233,10 +254,9 @@ class LogRadiance:
         return out
 
     @cached_property
-    def _surface_grid(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        if self.formula.kind != "projector" or not isinstance(self.process.kernel, Sum):
-            return None
-        surface = self.process.kernel.terms[1]
+    def _surface_grid(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        kernel = self.process.kernel
+        surface = kernel.terms[1] if isinstance(kernel, Sum) else kernel
         trained = self.process.x[:, HALF]
         scales = np.array([p.value for p in surface.parameters[1:]])
         margin = np.minimum(2.0 * scales, 0.3)

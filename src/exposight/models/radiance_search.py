@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
 from exposight.cell import ActiveSensor
-from exposight.gp import Category, GaussianProcess, Kernel, Matern52, Sum
+from exposight.gp import Category, GaussianProcess, Kernel, Matern52, SquaredExponential, Sum
 from exposight.gp.likelihood import MarginalLikelihood
 from exposight.models.ring_data import RingData
 from exposight.models.ring_light import RingLight, Rings, log_mean
@@ -50,10 +50,12 @@ def _variance(std: float, width: float = 1.5) -> _Prior:
 
 
 # Weak and log-normal. 14 % beyond a formula, 5 % from feature to feature, 2 % from view to view and
-# ring to ring; a quarter of the working volume, a lobe's width, 20°.
-_BEYOND, _PRODUCT, _ALONE = _variance(0.14), _variance(0.5), _variance(0.7)
+# ring to ring; part of the working volume, a lobe's width. Without a formula: a factor of four, the
+# whole volume, 40°.
+_BEYOND, _PRODUCT, _ALONE = _variance(0.14), _variance(0.5), _variance(1.4)
 _OF_FEATURE, _OF_VIEW, _OF_RING = _variance(0.05, 1.0), _variance(0.02, 1.0), _variance(0.02, 1.0)
-_MM, _SLOPE, _DEG = (_Prior(math.log(each), 0.7) for each in (300.0, 0.25, 20.0))
+_MM, _SLOPE = _Prior(math.log(300.0), 0.7), _Prior(math.log(0.25), 0.7)
+_WIDE_MM, _WIDE_DEG = _Prior(math.log(600.0), 0.7), _Prior(math.log(40.0), 0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,9 +128,15 @@ def covariance_of(kind: MeanKind) -> tuple[Kernel, list[_Prior]]:
         )
 
     terms: tuple[Kernel, ...]
-    if kind == "none":
-        scales = [_MM] * 3 + [_DEG] * 2
-        terms = (matern((*POSITION, *ANGLES), scales, _ALONE),)
+    if kind == "none":  # nothing else carries the trend, which is smooth
+        scales = [_WIDE_MM] * 3 + [_WIDE_DEG] * 2
+        terms = (
+            SquaredExponential(
+                variance=math.exp(_ALONE.mean),
+                length_scales=tuple(math.exp(each.mean) for each in scales),
+                dims=(*POSITION, *ANGLES),
+            ),
+        )
         priors = [_ALONE, *scales]
     elif kind == "projector":
         terms = (

@@ -87,6 +87,22 @@ class Rings:
             turns=turns,
         )
 
+    def points(self) -> NDArray[np.float64]:
+        """Return where the rings' points are in the TCP frame, (n, k, 3) mm."""
+        w, p = np.radians(self.poses[:, 3:5]).T
+        right = np.stack([np.cos(p), np.zeros(len(p)), -np.sin(p)], axis=1)
+        down = np.stack([np.sin(p) * np.sin(w), np.cos(w), np.cos(p) * np.sin(w)], axis=1)
+        angle = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
+        reach = self.poses[:, 5, None, None] + np.array(_RING_MM)[:, None]
+        a, b = reach * np.cos(angle), reach * np.sin(angle)
+        n = len(self)
+        out: NDArray[np.float64] = (
+            self.positions[:, None]
+            + a.reshape(n, -1, 1) * right[:, None]
+            + b.reshape(n, -1, 1) * down[:, None]
+        )
+        return out
+
     def take(self, places: Sequence[int] | NDArray[np.int64]) -> Rings:
         """Return some of the rings, in the order of `places`."""
         return Rings(

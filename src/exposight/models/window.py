@@ -119,13 +119,11 @@ def ring_shape(
 ) -> tuple[FloatArray, FloatArray]:
     """Return ln L_k less ln L at the points of rings, and whether each is lit and seen (0 or 1).
 
-    Each (n, k); one point a ring where the mean knows nothing of light.
+    Each (n, k).
     """
-    if light is None:
-        return np.zeros((len(rings), 1)), np.ones((len(rings), 1))
-    values, _ = light.log_radiance(model.formula.log_ratio, model.formula.roughness)
-    values = np.maximum(values + model.surface_beyond(light.half), -60.0)
-    return values - log_mean(values)[:, None], light.lit.astype(np.float64)
+    values = np.maximum(model.spread(rings, light), -60.0)
+    lit = np.ones(values.shape) if light is None else light.lit.astype(np.float64)
+    return values - log_mean(values)[:, None], lit
 
 
 def quadratic(positions_mm: FloatArray) -> FloatArray:
