@@ -8,6 +8,8 @@ folder then.
 from __future__ import annotations
 
 import json
+import os
+import runpy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,13 +20,22 @@ import numpy as np
 from benchmarks.measuring import say
 from benchmarks.relit_cell import ScatterCell, TwoLobesCell
 from exposight import __version__
-from exposight.cell import ActiveSensor, sensor_preset
-from exposight.files import KeptFiles, make_folder
+from exposight.cell import ActiveSensor, Capture, MemoryCampaign, Part, sensor_preset
+from exposight.files import KeptFiles, make_folder, sha256_of
+from exposight.geometry import RigidTransform, read_projector_camera
+from exposight.imaging import (
+    decode,
+    re_expose,
+    read_recording,
+    sequence_named_or_read,
+    stack_images,
+)
 from exposight.measuring import measure_observations
-from exposight.observing import ObservationTable, read_observations
+from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.paper import CAMPAIGNS, campaign_plan
 from exposight.plans import MeasuringPlan, plan_preset, plan_to_toml
 from exposight.plans.positions import RandomPositions, logarithmic_exposures
+from exposight.statistics import split_by_group
 from exposight.twin import SimulatedCell
 from exposight.twin.part.car_door import cache_folder
 
@@ -179,6 +190,55 @@ def _observed(condition: Condition, plan: MeasuringPlan, side: Side) -> Observat
         measure_observations(plan, cell, table_path=kept.path(name), workers=WORKERS)
         kept.seal(name)
     return read_observations(kept.path(name))
+
+
+def skull() -> tuple[TrainAndTest, ActiveSensor] | None:
+    """Return the measured rows of the recorded skull, half of its features to train on.
+
+    Its exposure sweep is emulated (``examples/05_skull.py``); captures keep what their frame stack
+    tells. None where the recording is not there (`benchmarks.real`).
+    """
+    folder = Path(os.environ.get("EXPOSIGHT_REAL_DATA", "../shared/data/real")) / "skull"
+    if not folder.is_dir():
+        return None
+    example = runpy.run_path(str(_SKULL_EXAMPLE))
+    sequence = sequence_named_or_read(_SKULL)
+    rig = read_projector_camera(folder / "calibration.xml")
+    recorded = read_recording(folder / _SKULL, sequence, exposure_ms=example["NOMINAL_MS"])
+    sensor: ActiveSensor = example["sensor_of"](rig, example["cloud_of"](recorded, _SKULL, rig))
+    kept = KeptFiles(kept_folder(), sha256_of(_SKULL_EXAMPLE.read_bytes()), __version__)
+    name = "skull.parquet"
+    if kept.find(name) is None:
+        say("emulating the skull's exposure sweep")
+        cloud = example["cloud_of"](recorded, _SKULL, rig)
+        placed = example["place_features"](cloud, sensor, 220, np.random.default_rng(1))
+        captures = []
+        for exposure_ms in example["EXPOSURES_MS"]:
+            factor = exposure_ms / example["NOMINAL_MS"]
+            stack = recorded if factor == 1 else re_expose(recorded, factor)
+            capture = Capture(
+                view="skull",
+                exposure_ms=exposure_ms,
+                image=stack.frames[0],  # its finest fringes
+                brightness_source="stripe",
+                stack=stack_images(stack, sequence, decode(stack, sequence)),
+                cloud=example["cloud_of"](stack, _SKULL, rig),
+                camera_from_part=RigidTransform(),
+                emulated=stack.emulated,
+            )
+            captures.append(capture)
+        part = Part(name="skull", features=placed)
+        campaign = MemoryCampaign(name="skull", sensor=sensor, part=part, captures=captures)
+        observe_campaign(campaign).write(kept.path(name))
+        kept.seal(name)
+    table = read_observations(kept.path(name)).measured()
+    split = split_by_group(table.names("feature"), 0.5, np.random.default_rng(1))
+    trains = np.isin(np.arange(len(table)), split.train)
+    return TrainAndTest(train=table.where(trains), test=table.where(~trains)), sensor
+
+
+_SKULL = "skull_2x3"
+_SKULL_EXAMPLE = Path(__file__).parents[1] / "examples" / "05_skull.py"
 
 
 def everything() -> Iterator[tuple[Condition, int, TrainAndTest]]:
