@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -20,15 +20,12 @@ from scipy.stats import norm
 
 from benchmarks.models_campaigns import UNSEEN, kept_folder
 from exposight.cell import GREY_MAX, ActiveSensor
-from exposight.models import GaussianProcessModel, Training, model_named
+from exposight.models import GaussianProcessModel, Training, WindowModel, model_named
 from exposight.observing import ObservationTable
 from exposight.paper.kept_models import table_checksum, train_or_read
 from exposight.planning.forecasts import WANTED_I_AVG
 from exposight.twin.sensors import CameraElectronics
 from exposight.workers import ignore_progress
-
-if TYPE_CHECKING:
-    from exposight.models import WindowModel
 
 Floats = NDArray[np.float64]
 
