@@ -157,7 +157,7 @@ def speed() -> Figures:
     fit = best_of(2, partial(train_window, both.train, sensor=sensor))
     model = models_learnt.learnt("bare", SEEDS[0])
     rings = both.test.frame.unique(["view", "feature"], maintain_order=True)[:30]
-    times_ms = np.geomspace(3.0, 500.0, 200)
+    times_ms = np.geomspace(3.0, 500.0, 200).tolist()
 
     def forecast() -> object:
         result = model.forecast(rings, times_ms)

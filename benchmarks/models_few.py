@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -28,7 +29,7 @@ from exposight.errors import ExposightError
 from exposight.models import WindowModel, train_window
 from exposight.observing import ObservationTable
 
-Captures = Sequence[tuple[str, float]]
+Capture = tuple[str, float]
 
 CURVE: Final = (1, 3, 5, 10, 20, 48)
 """Captures of a learning curve, one in each view."""
@@ -37,29 +38,26 @@ _DRAWS = 3
 _OTHER = {"bare": "primer"}
 """Where the sensor's limits come from: the model of this finish, of bare sheet by default."""
 
-_TARGET_PERCENT = 3.0
-_CHECKPOINTS = (*range(1, 11), 12, 15, 19, 24, 30, 38, 48, 60, 75, 95, 120, 150, 190, 240, 300, 480)
-
 
 def other_model(finish: str, seed: int) -> WindowModel:
     """Return a model of another finish on the same sensor, whose limits are known so."""
     return learnt(_OTHER.get(finish, "bare"), seed)
 
 
-def captures_of(table: ObservationTable) -> list[tuple[str, float]]:
+def captures_of(table: ObservationTable) -> list[Capture]:
     """Return a table's captures in the plan's order."""
     frame = table.frame.select("view", "exposure_ms").unique(maintain_order=True)
     return list(frame.iter_rows())
 
 
-def rows_of(table: ObservationTable, captures: Captures) -> ObservationTable:
+def rows_of(table: ObservationTable, captures: Sequence[Capture]) -> ObservationTable:
     """Return the rows of some captures."""
     wanted = set(captures)
     keys = table.frame.select("view", "exposure_ms").iter_rows()
     return table.where(np.array([key in wanted for key in keys], dtype=np.bool_))
 
 
-def spread_captures(table: ObservationTable, count: int, rng: np.random.Generator) -> Captures:
+def spread_captures(table: ObservationTable, count: int, rng: np.random.Generator) -> list[Capture]:
     """Draw views evenly over the plan, and in each one exposure time of the middle half."""
     views: dict[str, list[float]] = {}
     for view, exposure_ms in captures_of(table):
@@ -148,43 +146,67 @@ def _median(figures: Iterable[Measured]) -> Measured:
 
 # -- which capture next -----------------------------------------------------------------------
 
-Choice = Callable[[WindowModel, Captures, ObservationTable], tuple[str, float]]
-"""Chooses the next capture: a model, captures to choose from, and the pool that they are in."""
+_TARGETS: Final = {"bare": 3.0, "brushed": 6.5}
+"""Error in percent to which captures are counted: what five of bare sheet, and ten of brushed,
+should reach."""
+
+_MOST_CAPTURES = 60
 
 
 def information(seed: int) -> Figures:
-    """Count captures until the error on unseen features falls to 3 %, chosen in three ways.
+    """Count captures until the error on unseen features has fallen, in orders of three kinds.
 
-    All begin with the same capture, of a middle view at a middle exposure time, and know the
-    sensor's limits.
+    The plan's grid, at random, and each next one as the model proposes it. All begin with the same
+    capture, of a view at a middle exposure time; the median of three such views counts. The
+    sensor's limits are known.
     """
-    pool = observed("bare", seed).train
-    captures = captures_of(pool)
-    views = list(dict.fromkeys(view for view, _ in captures))
-    first = [each for each in captures if each[0] == views[len(views) // 2]]
-    start = first[len(first) // 2]
-    others = [each for each in captures if each != start]
-    shuffled = [others[i] for i in np.random.default_rng(seed).permutation(len(others))]
-    grid = _captures_needed(seed, pool, [start, *others])
+    figures: Figures = {}
+    for finish, target in _TARGETS.items():
+        pool = observed(finish, seed).train
+        counts: dict[str, list[int]] = {}
+        for draw in range(_DRAWS):
+            (start,) = spread_captures(pool, 1, np.random.default_rng([seed, draw]))
+            for name, order in orders(pool, start, finish, seed, draw).items():
+                counts.setdefault(name, []).append(captures_needed(finish, seed, order, target))
+        for name, needed in counts.items():
+            figures[f"captures to {target:g} % of {finish}, {name}"] = Measured(
+                value=float(np.median(needed))
+            )
+    return figures
+
+
+def orders(
+    pool: ObservationTable, start: Capture, finish: str, seed: int, draw: int
+) -> dict[str, Iterator[Capture]]:
+    """Return all captures of a pool in orders of the three kinds, each with `start` first."""
+    others = [each for each in captures_of(pool) if each != start]
+    shuffled = np.random.default_rng([seed, draw]).permutation(len(others))
     return {
-        "captures to 3 %, grid": Measured(value=float(grid)),
-        "captures to 3 %, random": Measured(
-            value=float(_captures_needed(seed, pool, [start, *shuffled]))
-        ),
+        "grid": iter([start, *others]),
+        "random": iter([start, *(others[i] for i in shuffled)]),
     }
 
 
-def _captures_needed(seed: int, pool: ObservationTable, order: Captures) -> int:
-    """Return how many captures of an order it takes, of those that are checked."""
-    known, rows = other_model("bare", seed), unseen_rows("bare", seed)
-    for count in _CHECKPOINTS:
-        try:
-            model = train_window(rows_of(pool, order[:count]), sensor=COMET, start_from=known)
-        except ExposightError:  # too little to learn from
-            continue
-        if quality_figure(model, rows).value <= _TARGET_PERCENT:
-            return count
-    return len(order)
+def captures_needed(finish: str, seed: int, order: Iterable[Capture], target: float) -> int:
+    """Return how many captures of an order it takes, at most `_MOST_CAPTURES`."""
+    pool, rows = observed(finish, seed).train, unseen_rows(finish, seed)
+    captures: list[Capture] = []
+    for capture in islice(order, _MOST_CAPTURES):
+        captures.append(capture)
+        model = learnt_from(pool, captures, other_model(finish, seed))
+        if model is not None and quality_figure(model, rows).value <= target:
+            break
+    return len(captures)
+
+
+def learnt_from(
+    pool: ObservationTable, captures: Sequence[Capture], start_from: WindowModel
+) -> WindowModel | None:
+    """Return the model of some captures; None where they are too little to learn from."""
+    try:
+        return train_window(rows_of(pool, captures), sensor=COMET, start_from=start_from)
+    except ExposightError:
+        return None
 
 
 # -- trials -----------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ def model_guess(model: WindowModel, rows: ObservationTable) -> Guess:
         mean=prediction.mean,
         low=np.clip(prediction.low, 0.0, 1.0),
         high=np.clip(prediction.high, 0.0, 1.0),
-        quantiles=model.quantiles(rows.frame, _LEVELS),
+        quantiles=model.quantiles(rows.frame, _LEVELS.tolist()),
         chance=model.chance(rows.frame, need=NEED),
     )
 
@@ -144,7 +144,7 @@ def one_exposure_per_view(rows: ObservationTable, chance: Floats) -> tuple[int, 
     """
     times = (
         rows.frame.select("view", "exposure_ms", good=pl.col("p_norm") >= NEED)
-        .with_columns(chance=chance)
+        .with_columns(pl.Series("chance", chance))
         .group_by("view", "exposure_ms", maintain_order=True)
         .agg(pl.col("good").sum(), pl.col("chance").sum())
     )
@@ -185,7 +185,9 @@ class PaperModels:
             ["view", "feature"], maintain_order=True
         )
         wanted = self.models["e_k6"].predict(rings.with_columns(i_avg=pl.lit(WANTED_I_AVG)))
-        rings = rings.select("view", "feature").with_columns(mean=wanted.mean, std=wanted.std)
+        rings = rings.select("view", "feature").with_columns(
+            pl.Series("mean", wanted.mean), pl.Series("std", wanted.std)
+        )
         times = frame.select("view", "feature").join(
             rings, on=["view", "feature"], how="left", maintain_order="left"
         )
