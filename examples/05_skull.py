@@ -38,11 +38,13 @@ from exposight.geometry import (
     rotation_facing,
 )
 from exposight.imaging import (
+    DecodedMap,
     FrameStack,
     decode,
     re_expose,
     read_recording,
     sequence_named_or_read,
+    stack_images,
     triangulate,
 )
 from exposight.models import MODEL_SUFFIX, MODELS, ModelSpecification, save_model, train_all
@@ -64,8 +66,13 @@ NOTES = (
 
 def cloud_of(stack: FrameStack, name: str, rig: ProjectorCamera) -> Cloud:
     """Decode frames and triangulate them."""
+    return points_of(decode(stack, sequence_named_or_read(name)), rig)
+
+
+def points_of(decoded: DecodedMap, rig: ProjectorCamera) -> Cloud:
+    """Triangulate what was decoded."""
     return triangulate(
-        decode(stack, sequence_named_or_read(name)),
+        decoded,
         camera=rig.camera,
         projector=rig.projector,
         projector_from_camera=rig.projector_from_camera,
@@ -166,12 +173,14 @@ def skull_report(
                 continue
             factor = exposure_ms / NOMINAL_MS
             stack = recorded if factor == 1 else re_expose(recorded, factor)
+            decoded = decode(stack, sequence)
             writer.add(
                 Capture(
                     view="skull",
                     exposure_ms=exposure_ms,
                     image=stack.frames[0],  # its finest fringes
-                    cloud=cloud_of(stack, "skull_2x3", rig),
+                    stack=stack_images(stack, sequence, decoded),
+                    cloud=points_of(decoded, rig),
                     camera_from_part=RigidTransform(),
                     emulated=stack.emulated,
                 )

@@ -34,6 +34,8 @@ def test_the_capture_gets_the_name_asked_for_and_keeps_the_recorded_pose(alone):
     assert capture.view == "again"
     assert capture.camera_from_part == recorded.camera_from_part
     assert np.array_equal(capture.image, recorded.image)
+    assert capture.brightness_source == "stripes-mean"
+    assert np.array_equal(capture.stack.modulation, recorded.stack.modulation)
 
 
 def test_what_was_not_recorded_is_named(alone):

@@ -33,6 +33,22 @@ def test_observe_takes_the_ring_s_tolerances(campaign, tmp_path, run_json):
     assert np.nansum(pixels[0]) > 2 * np.nansum(pixels[1])
 
 
+def test_observe_keeps_what_the_user_knows(campaign, single, tmp_path, run, run_json):
+    run_json("observe", campaign, "-o", tmp_path / "o.csv", "--finish", "primer")
+    frame = read_observations(tmp_path / "o.csv").frame
+    assert set(frame.select("finish", "sensor", "part").rows()) == {("primer", "small", "plate")}
+    assert run("observe", campaign, "--finish", " ").exit_code == 2
+    run_json(
+        *("observe", "--image", single / "stripes.png", "--cloud", single / "cloud.ply"),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--pose", single / "pose.txt", "-o", tmp_path / "o.csv"),
+        *("--brightness-source", "texture"),
+    )
+    frame = read_observations(tmp_path / "o.csv").measured().frame
+    assert frame["brightness_source"].unique().to_list() == ["texture"]
+    assert frame["i_mean"].to_list() == pytest.approx(frame["i_avg"].to_list())
+
+
 def test_a_single_capture_gives_the_campaign_s_numbers(single, observations, tmp_path, run_json):
     alone = tmp_path / "alone.csv"
     run_json(

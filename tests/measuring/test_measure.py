@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import polars as pl
 import pytest
 
 from exposight.cell import CampaignFolder, CampaignWriter, sensor_preset
+from exposight.cell.capture import read_capture, write_capture
 from exposight.errors import (
     CloudError,
     DamagedFileError,
@@ -124,6 +126,7 @@ def test_without_clouds_images_and_poses_are_the_same(cloudless, alone):
         assert capture.cloud is None
         assert capture.key == whole.key
         assert np.array_equal(capture.image, whole.image)
+        assert np.array_equal(capture.stack.maximum, whole.stack.maximum)
         assert capture.camera_from_part == whole.camera_from_part
     assert not list(cloudless.path.rglob("cloud.npz"))
 
@@ -149,6 +152,26 @@ def test_a_campaign_without_clouds_goes_on(tmp_path, cloudless, sheet_plan, cell
     (folder / "observations.csv").unlink()
     measure(sheet_plan, cell(sheet_plan), folder, clouds=False)
     assert content(folder) == content(cloudless.path)
+
+
+@pytest.mark.slow
+def test_observations_of_an_earlier_version_are_gone_on_with(tmp_path, cloudless, sheet_plan, cell):
+    """Its captures' rows have fewer columns than those that are taken now."""
+    shutil.copytree(cloudless.path, tmp_path / "campaign")
+    folder = tmp_path / "campaign" / "captures"
+    shutil.rmtree(folder / "000003")
+    first = read_capture(folder / "000000")
+    rows = pl.read_csv(first.attachments["observations.csv"], infer_schema=False)
+    old = rows[:, : rows.columns.index("emulated") + 1].write_csv().encode()
+    shutil.rmtree(folder / "000000")
+    write_capture(folder / "000000", replace(first, attachments={"observations.csv": old}))
+    campaign = measure(sheet_plan, cell(sheet_plan), tmp_path / "campaign", clouds=False)
+    table, whole = (
+        read_observations(each.path / "observations.csv").frame for each in (campaign, cloudless)
+    )
+    new = rows.columns[rows.columns.index("emulated") + 1 :]
+    assert table.drop(new).equals(whole.drop(new))
+    assert table["i_mean"].null_count() > whole["i_mean"].null_count()
 
 
 @pytest.mark.parametrize("rings_only", [False, True])

@@ -24,6 +24,11 @@ from exposight.observing import (
     read_observations,
 )
 
+QUANTILES = [
+    f"{stem}_p{percent}"
+    for stem in ("i_mean", "i_max", "i_mod")
+    for percent in (["05", "25", "50", "75", "95"])
+]
 MEASURED = Observation(
     feature="f1",
     view="v1",
@@ -47,6 +52,18 @@ MEASURED = Observation(
     incidence_deg=4.0,
     visibility="visible",
     emulated=False,
+    i_mean=119.0,
+    **dict.fromkeys(QUANTILES, 100.5),
+    stack_clipped_share=0.02,
+    low_modulation_share=0.0,
+    brightness_source="stripes-mean",
+    sensor="scanner",
+    part="door",
+    finish="primer",
+    tcp="0 0 600 0 0 0",
+    part_w_deg=10.0,
+    part_p_deg=0.0,
+    part_r_deg=-170.0,
 )
 UNMEASURED = replace(
     MEASURED,
@@ -56,6 +73,8 @@ UNMEASURED = replace(
         ["p_norm", "i_avg", "n_points", "n_pixels", "i_std", "i_median", "i_p05", "i_p95"]
     ),
     clipped_share=None,
+    **dict.fromkeys(["i_mean", *QUANTILES, "stack_clipped_share", "low_modulation_share"]),
+    finish=None,
 )
 OPTIONAL = tuple(SCHEMA)[12:]
 
@@ -113,6 +132,12 @@ measured_rows = st.builds(
     incidence_deg=st.floats(0, 180),
     visibility=st.just("visible"),
     emulated=st.booleans(),
+    **dict.fromkeys(["i_mean", *QUANTILES], st.none() | grey_levels),
+    stack_clipped_share=st.none() | st.floats(0, 1),
+    low_modulation_share=st.none() | st.floats(0, 1),
+    brightness_source=st.none() | st.sampled_from(["stripe", "stripes-mean", "texture", "dots"]),
+    **dict.fromkeys(["sensor", "part", "finish", "tcp"], st.none() | names),
+    **dict.fromkeys(["part_w_deg", "part_p_deg", "part_r_deg"], st.none() | numbers),
 )
 rows = st.lists(measured_rows | st.just(UNMEASURED), min_size=1, max_size=5)
 
@@ -171,6 +196,13 @@ def test_columns_after_the_radius_may_be_left_out(tmp_path, suffix):
     filled = ("n_points", "n_pixels", "i_std", "i_median", "i_p05", "i_p95", "clipped_share")
     assert {getattr(row, name) for name in filled} == {None}
     assert row == replace(MEASURED, **{name: getattr(row, name) for name in OPTIONAL})
+
+
+def test_columns_that_are_wholly_empty_are_read_as_empty(written):
+    names = OPTIONAL[OPTIONAL.index("i_mean") :]
+    table = read_observations(written(**{name: [None, None] for name in names}))
+    assert set(table.frame.select(names).row(0)) == {None}
+    assert table.frame.schema == SCHEMA
 
 
 def test_a_table_filled_in_so_can_be_written_and_read_again(written):
@@ -266,6 +298,10 @@ def test_a_missing_column_is_named(written):
         ("clipped_share", "clip_share"),
         ("emulated", "emulate"),
         ("i_p05", "i_P05"),
+        ("i_mean_p05", "imean_p05"),
+        ("brightness_source", "brightness_sorce"),
+        ("finish", "finnish"),
+        ("i_mean", "i_men"),
     ],
 )
 def test_a_misspelt_column_is_recognised(written, right, wrong):
@@ -273,6 +309,13 @@ def test_a_misspelt_column_is_recognised(written, right, wrong):
     path.write_text(path.read_text().replace(right, wrong, 1))
     with pytest.raises(FormatError, match=f"unknown column '{wrong}'; did you mean '{right}'"):
         read_observations(path)
+
+
+@pytest.mark.parametrize("name", ["part_id", "part_a", "sensor_b", "tcp_x", "i_mean_p10"])
+def test_a_further_word_or_number_is_another_column(written, name):
+    path = written(**{name: [1.0, 2.0]})
+    pl.read_csv(path).drop("part", "sensor", "tcp", "i_mean", "i_median").write_csv(path)
+    assert read_observations(path).further_columns == (name,)
 
 
 def test_a_decimal_comma_is_named(written):
@@ -336,11 +379,25 @@ def test_p_norm_in_percent_is_told_what_to_do(written):
         read_observations(written(p_norm=[87.5, 92.0]))
 
 
-@pytest.mark.parametrize("name", ["i_avg", "i_median", "i_p05", "i_p95"])
+@pytest.mark.parametrize("name", ["i_avg", "i_median", "i_p05", "i_p95", "i_mean", "i_mod_p50"])
 @pytest.mark.parametrize("value", [-1.0, 255.1, 4095.0])
 def test_grey_values_out_of_their_range(written, name, value):
     with pytest.raises(ObservationError, match=f"'{name}' needs grey levels 0–255; row 1"):
         read_observations(written(**{name: [value, None]}))
+
+
+@pytest.mark.parametrize("name", ["clipped_share", "stack_clipped_share", "low_modulation_share"])
+@pytest.mark.parametrize("value", [-0.1, 1.5, 40.0])
+def test_a_share_out_of_its_range(written, name, value):
+    with pytest.raises(ObservationError, match=f"'{name}' needs a share, 0–1, .*; row 1"):
+        read_observations(written(**{name: [value, None]}))
+
+
+def test_an_unknown_source_of_brightness(written):
+    with pytest.raises(
+        ObservationError, match=r"'brightness_source' needs one of .* has 'stripes'"
+    ):
+        read_observations(written(brightness_source=["stripe", "stripes"]))
 
 
 def test_quality_without_brightness(written):

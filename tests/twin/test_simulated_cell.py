@@ -208,6 +208,23 @@ def test_another_finish_is_another_cell(sheet_plan, cell):
     assert json.loads(json.dumps(bare.description())) == bare.description()
 
 
+def test_the_part_says_on_which_finish_its_features_are(sheet_plan, cell):
+    plain = cell(sheet_plan)
+    assert {feature.finish for feature in plain.part.features} == {"primer"}
+    h0, h1 = (plain.part.feature(name).part_from_feature.translation_mm for name in ("h0", "h1"))
+    oil = SETTINGS.surfaces["oil"]
+    spot = Zone(finish="oil", centre_mm=tuple(h1.tolist()), radius_mm=12.0)
+    other = cell(sheet_plan, finish="bare", surfaces={"oil": oil}, zones=(spot,))
+    assert np.linalg.norm(h1 - h0) > 25
+    assert [other.part.feature(name).finish for name in ("h0", "h1")] == ["bare", "oil"]
+    rows = measure_observations(
+        replace(sheet_plan, planes=(replace(sheet_plan.planes[0], exposures_ms=(30.0,)),)), other
+    ).frame
+    assert set(rows.select("feature", "finish").rows()) == {("h0", "bare"), ("h1", "oil")}
+    assert rows["sensor"].unique().to_list() == [sheet_plan.sensor.name]
+    assert rows["part_r_deg"].is_not_null().all()
+
+
 # -- any sensor ---------------------------------------------------------------------------------
 
 

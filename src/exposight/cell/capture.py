@@ -5,6 +5,7 @@ import math
 import re
 import zipfile
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
@@ -304,19 +305,21 @@ def read_capture(folder: Path) -> Capture:
         If a newer version of exposight wrote it.
     """
     description = read_description(folder)
-    image = _read_image(folder / _IMAGE, description.image_sha256)
-    cloud = None
-    if description.cloud_sha256 is not None:
-        cloud = _cloud_from_npz(
-            _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
-        )
+    with ThreadPoolExecutor(1) as beside:  # decoding takes as long as the cloud does
+        stack = beside.submit(_read_stack, folder, description.stack)
+        image = _read_image(folder / _IMAGE, description.image_sha256)
+        cloud = None
+        if description.cloud_sha256 is not None:
+            cloud = _cloud_from_npz(
+                _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
+            )
     try:
         return Capture(
             **{name: getattr(description, name) for name in _DESCRIBED},
             image=image,
             cloud=cloud,
             attachments=StoredAttachments(folder, description.beside_sha256),
-            stack=None if description.stack is None else _read_stack(folder, description.stack),
+            stack=stack.result(),
         )
     except InputError as error:
         msg = f"{folder}: {error}"
@@ -352,7 +355,9 @@ def _verified(path: Path, sha256: str) -> bytes:
     return files.read_verified(path, sha256, "file of a campaign")
 
 
-def _read_stack(folder: Path, stack: StackDescription) -> StackImages:
+def _read_stack(folder: Path, stack: StackDescription | None) -> StackImages | None:
+    if stack is None:
+        return None
     checksums = {name: getattr(stack, f"{name}_sha256") for name in _STACK_FILES}
     images: dict[str, Any] = {
         name: _read_image(folder / _STACK_FILES[name], sha256)
@@ -368,7 +373,8 @@ def _read_image(path: Path, sha256: str) -> Image:
     if image is None:
         msg = f"{path} is no PNG image"
         raise FormatError(msg)
-    return cast("Image", image)  # `Capture` checks it
+    image.setflags(write=False)  # so that `Capture`, which checks it, needs no copy
+    return cast("Image", image)
 
 
 def _npz(cloud: Cloud) -> bytes:

@@ -19,6 +19,10 @@ one, write a class with these two members; no base class is needed. ::
                 camera_from_part=self.robot.camera_from_part(),  # as reported
             )
 
+A driver that has all frames of the pattern keeps what they tell of each pixel, as
+``Capture(…, stack=stack_images(frames, sequence, decoded))`` (`exposight.imaging`), and says what
+its image is (``brightness_source``).
+
 A driver does one thing. Choosing views and exposure times, resuming an interrupted campaign,
 locking its folder, writing and verifying files, and distributing views over processes belong to the
 loop that calls it (`exposight.measuring`).

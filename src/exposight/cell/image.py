@@ -18,8 +18,13 @@ BIT_DEPTHS: tuple[int, ...] = get_args(BitDepth)
 GREY_MAX = 255.0
 """Full scale of the paper's grey levels, on which brightness is given whatever the bit depth."""
 
-# A quarter of the default level's time for files a tenth larger, at 4 megapixels.
-_PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+# Of nine combinations measured on stripe images, whole ones and such that are mostly 0, the
+# quickest to write and to read, and within a tenth of the smallest.
+_PNG_OPTIONS = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
+)
 
 
 def full_scale(bit_depth: int) -> int:

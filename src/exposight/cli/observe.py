@@ -35,7 +35,10 @@ class SingleCapture(PoseOptions):
     Parameters
     ----------
     image
-        Stripe image, grey.
+        Image in which brightness is averaged, grey.
+    brightness_source
+        What it is: one stripe image (by default), the stripes' mean, a texture image, or one of
+        random dots.
     bit_depth
         Bit depth of the image (8 by default).
     cloud
@@ -51,6 +54,7 @@ class SingleCapture(PoseOptions):
     """
 
     image: Path | None = None
+    brightness_source: cell.BrightnessSource | None = None
     bit_depth: cell.BitDepth | None = None
     cloud: Path | None = None
     cloud_unit: Literal["mm", "cm", "m"] | None = None
@@ -92,6 +96,7 @@ class SingleCapture(PoseOptions):
             cloud=cell.read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
             camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,
+            brightness_source=self.brightness_source or "stripe",
         )
         part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
         sensor = cell.sensor_named_or_read(self.sensor)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from exposight.cell import Feature, Part
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
-from exposight.twin.part import Scene, check_scene
+from exposight.twin.part import Scene, Zone, check_scene
 from exposight.twin.part.placement import MESH_UNITS_MM, _squared_distance
 
 
@@ -41,6 +41,23 @@ def sheet(size_mm, z_mm=0.0):
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size_mm / 2
     vertices = np.column_stack([square, np.full(4, z_mm)])
     return trimesh.Trimesh(vertices, [(0, 1, 2), (0, 2, 3)], process=False)
+
+
+def test_a_feature_is_on_the_finish_under_most_of_its_ring(box):
+    names = tuple(box.surfaces)
+    finish = np.where(box.vertices[box.faces][..., 2].max(axis=1) < 0, 1, 2)  # of the lower side
+    part = Part(name="box", features=(feature_at((10, 5, -1)),))
+    scene = changed(box, face_finish=finish, part=part)
+    assert [feature.finish for feature in scene.part_with_finishes().features] == [names[1]]
+    left = Zone(finish="bare", box_mm=((-60, -50, -9), (18, 50, 9)))
+    right = Zone(finish="bare", box_mm=((18, -50, -9), (60, 50, 9)))
+    finishes = [
+        changed(scene, zones=(zone,)).part_with_finishes().features[0].finish
+        for zone in (left, right)
+    ]
+    assert finishes == ["bare", names[1]]  # the feature is at x = 10
+    away = changed(scene, part=Part(name="box", features=(feature_at((40, 30, 400)),)))
+    assert away.part_with_finishes().features[0].finish == ""
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,16 @@ def test_the_capture_is_the_first_cameras(capture, sensor, dot_sensor, light):
     assert np.nanmax(np.abs(on_ray - sensor.camera.rays())) < 1e-6
 
 
+def test_the_stack_is_that_of_the_matching_window(capture, dot_sensor):
+    assert capture.brightness_source == "dots"
+    assert capture.stack.min_modulation == dot_sensor.matching.min_texture
+    for v, u in ((60, 200), (100, 333)):
+        window = capture.image[v - 4 : v + 5, u - 4 : u + 5].astype(np.float64)
+        assert capture.stack.mean[v, u] == np.floor(window.mean() + 0.5)
+        assert capture.stack.maximum[v, u] == np.percentile(window, 80)
+        assert capture.stack.modulation[v, u] == pytest.approx(2 * window.std(), abs=0.5)
+
+
 def test_lenses_with_distortion_and_turned_cameras_measure_the_same_plate(sensor, primer, before):
     second = RigidTransform.from_fanuc_wpr((65.0, 1.0, -2.0), 0.5, -3.0, 1.0)
     bent = _cut(sensor, (-0.15, 0.08, 1e-3, -5e-4))

@@ -155,6 +155,57 @@ def test_the_image_is_the_mean_of_the_finest_stripes_or_the_first_of_them(stripe
     assert np.array_equal(first.image, stack.frames[8])
 
 
+@pytest.mark.parametrize("exposure_ms", [40.0, 400.0])
+def test_the_stack_is_what_its_frames_say(stripes, light, exposure_ms) -> None:
+    (stack,) = stripes.frames(light, exposure_ms, SEED)
+    frames = stack.frames.astype(np.float64)
+    capture = stripes.capture(light, exposure_ms, view="v", seed=SEED)
+    assert capture.brightness_source == "stripes-mean"
+    assert capture.stack.mean is None
+    assert capture.stack.min_modulation == stripes.limits.min_modulation
+    assert np.array_equal(capture.stack.maximum, frames.max(axis=0))
+    # Four equal steps: 2·B = |(I₁ − I₃) + i·(I₂ − I₄)| for the weakest of three fringes.
+    steps = frames.reshape(3, 4, *frames.shape[1:])
+    swing = np.hypot(steps[:, 0] - steps[:, 2], steps[:, 1] - steps[:, 3]).min(axis=0)
+    assert np.abs(capture.stack.modulation - np.minimum(swing, 255)).max() <= 0.5 + 1e-3
+    first = replace(stripes, image="first").capture(light, exposure_ms, view="v", seed=SEED)
+    assert first.brightness_source == "stripe"
+    assert np.array_equal(first.stack.mean, capture.image)
+    assert np.array_equal(first.stack.modulation, capture.stack.modulation)
+
+
+def test_a_rings_columns_are_those_of_its_raw_frames(stripes, light, hole_part) -> None:
+    exposure_ms, part = 120.0, hole_part(HOLES)
+    frames = stripes.frames(light, exposure_ms, SEED)[0].frames.astype(np.float64)
+    capture = stripes.capture(light, exposure_ms, view="v", seed=SEED)
+    views = view_features(part, stripes.sensor, capture.camera_from_part)
+    for view, row in zip(views, _observe(capture, stripes, part), strict=True):
+        pixels = frames[:, view.rows, view.columns]
+        steps = pixels.reshape(3, 4, -1)
+        amplitude = np.hypot(steps[:, 0] - steps[:, 2], steps[:, 1] - steps[:, 3]).min(axis=0) / 2
+        # Rounded images: half a grey level, and half of that for amplitudes.
+        assert row.i_mean == pytest.approx(steps[2].mean(), abs=0.5)
+        assert row.i_mean == pytest.approx(row.i_avg, abs=1e-9)
+        assert row.i_max_p75 == np.percentile(pixels.max(axis=0), 75)
+        assert row.i_mod_p05 == pytest.approx(np.percentile(amplitude, 5), abs=0.26)
+        assert row.stack_clipped_share == np.mean(pixels.max(axis=0) == 255)
+        limit = stripes.limits.min_modulation
+        low = np.mean(amplitude < limit - 0.26), np.mean(amplitude < limit + 0.26)
+        assert low[0] <= row.low_modulation_share <= low[1]
+
+
+def test_a_rings_stack_is_0_where_nothing_was_taken(stripes, light, sheet, hole_part, before):
+    boxes = ring_boxes(hole_part(HOLES), stripes.sensor, before())
+    rings = stripes.capture(stripes.look(sheet, before(), boxes), 60.0, view="v", seed=SEED)
+    whole = stripes.capture(light, 60.0, view="v", seed=SEED)
+    taken = np.zeros(whole.image.shape, dtype=bool)
+    for box in boxes:
+        taken[box.top : box.bottom, box.left : box.right] = True
+    for name, image in rings.stack.images().items():
+        assert np.array_equal(image[taken], whole.stack.images()[name][taken])
+    assert rings.stack.maximum[~rings.image.astype(bool)].max() == 0
+
+
 def test_without_inverse_frames_a_gray_codes_image_is_the_mean_of_white_and_black(stripes):
     bits = GrayCode(frames=tuple(range(2, 13)))
     sequence = replace(

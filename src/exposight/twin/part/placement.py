@@ -82,7 +82,7 @@ def faces_under(
     (k, n) ndarray of int
         Indices into `faces`; −1 where no triangle is as near as the measured region reaches.
     """
-    points, reaches_mm = _ring_middles(part.features)
+    points, reaches_mm = _ring_middles(part.features, 2)
     nearest = np.full(points.shape[:2], -1, dtype=np.int64)
     _find_nearest(vertices, faces, points, reaches_mm, nearest)
     return points, nearest
@@ -97,17 +97,22 @@ def _on_surface(
 ) -> NDArray[np.bool_]:
     """Tell for each feature whether the surface comes near the middle line of its ring."""
     near = np.zeros(len(features), dtype=np.bool_)
-    _find_near(vertices, faces, *_ring_middles(features), near)
+    _find_near(vertices, faces, *_ring_middles(features, 8), near)
     return near
 
 
-def _ring_middles(features: Sequence[Feature]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (k, n, 3) on the middle lines of the rings, and half the regions' heights."""
+def _ring_middles(
+    features: Sequence[Feature], every: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (k, n, 3) on the rings' middle lines, and half the heights of the regions.
+
+    Of each outline's points one in `every` is taken.
+    """
     middles, reaches_mm = [], []
     for feature in features:
         region = feature.measured_region()
         middle_mm = (region.inner_mm + region.outer_mm) / 2
-        middle = replace(region, inner_mm=0.0, outer_mm=middle_mm).outline()[::8]
+        middle = replace(region, inner_mm=0.0, outer_mm=middle_mm).outline()[::every]
         middles.append(feature.part_from_feature.apply(middle))
         reaches_mm.append(region.height_mm / 2)
     return np.array(middles), np.array(reaches_mm)
@@ -143,7 +148,7 @@ def _find_near(
                 break
 
 
-@njit(parallel=True, error_model="numpy")
+@njit(error_model="numpy")
 def _find_nearest(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -152,23 +157,38 @@ def _find_nearest(
     nearest: NDArray[np.int64],
 ) -> None:
     """Fill the index of the triangle nearest to each point (k, n, 3), of those in reach."""
-    for k in numba.prange(len(points)):
-        low, high = np.empty(3), np.empty(3)
+    n_sets, n_points = points.shape[:2]
+    low, high = np.empty((n_sets, 3)), np.empty((n_sets, 3))
+    least = np.empty((n_sets, n_points))
+    for k in range(n_sets):
+        least[k] = reaches[k] ** 2
         for j in range(3):
-            low[j] = points[k, :, j].min() - reaches[k]
-            high[j] = points[k, :, j].max() + reaches[k]
-        least = np.full(points.shape[1], reaches[k] ** 2)
-        for i in range(len(faces)):
-            a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
-            apart = False
-            for j in range(3):
-                apart |= max(a[j], b[j], c[j]) < low[j] or min(a[j], b[j], c[j]) > high[j]
-            if apart:
+            low[k, j] = points[k, :, j].min() - reaches[k]
+            high[k, j] = points[k, :, j].max() + reaches[k]
+    bottom, top = np.empty(3), np.empty(3)
+    for i in range(len(faces)):
+        a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
+        for j in range(3):
+            bottom[j], top[j] = min(a[j], b[j], c[j]), max(a[j], b[j], c[j])
+        for k in range(n_sets):
+            if (
+                top[0] < low[k, 0]
+                or bottom[0] > high[k, 0]
+                or top[1] < low[k, 1]
+                or bottom[1] > high[k, 1]
+                or top[2] < low[k, 2]
+                or bottom[2] > high[k, 2]
+            ):
                 continue
-            for p in range(points.shape[1]):
+            for p in range(n_points):
+                beside = 0.0
+                for j in range(3):
+                    beside += max(bottom[j] - points[k, p, j], points[k, p, j] - top[j], 0.0) ** 2
+                if beside > least[k, p]:
+                    continue
                 squared = _squared_distance(points[k, p], a, b, c)
-                if squared <= least[p]:
-                    least[p], nearest[k, p] = squared, i
+                if squared <= least[k, p]:
+                    least[k, p], nearest[k, p] = squared, i
 
 
 @njit(error_model="numpy")

@@ -341,8 +341,12 @@ class StripeSensor:
         return math.sqrt(self.electronics.read_noise_e**2 + self.electronics.full_well_e / 2)
 
     def _whole_frame(self, light: StripeLight, pieces: Sequence[Image]) -> Image:
-        """Put the tiles' images together in the camera's size; 0 where no tile is."""
+        """Put the tiles' images together in the camera's size; 0 where no tile is.
+
+        What comes back is read-only: a capture keeps it without a copy.
+        """
         if light.is_whole:
+            pieces[0].setflags(write=False)
             return pieces[0]
         size = (self.sensor.camera.height, self.sensor.camera.width)
         image: Image = np.zeros(
@@ -351,6 +355,7 @@ class StripeSensor:
         for tile, piece in zip(light.tiles, pieces, strict=True):
             box = tile.box
             image[box.top : box.bottom, box.left : box.right] = piece
+        image.setflags(write=False)
         return image
 
 
