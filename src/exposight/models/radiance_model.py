@@ -22,7 +22,7 @@ from exposight.models.predictor import (
     register_predictor,
 )
 from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
-from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings
+from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings, check_places
 from exposight.observing import ObservationTable
 from exposight.tables import counted
 
@@ -38,6 +38,12 @@ _NAMES = ("feature", "view")
 _ORIGIN = ("sensor", "tcp", "part", "finish")
 FAR = 1.0
 """Learnt length scales beyond which nothing was learnt."""
+
+_FEW_GROUPS = 4
+"""Features or views below which a band rests on hardly anything."""
+
+_POOR = 0.15
+"""Error of ln radiance for features left out that is worth a word."""
 
 CHUNK = 100
 """Rings that are forecast at once."""
@@ -74,9 +80,8 @@ class Origin:
             if len(named) > 1 and name != "part":
                 listed = ", ".join(map(repr, named))
                 msg = (
-                    f"the rows are of several {name if name == 'tcp' else name + 's'}: {listed}; a "
-                    f"model holds for one, so train one for each (filter the table by column "
-                    f"{name!r})"
+                    f"the rows are of more than one {name}: {listed}; a model holds for one, so "
+                    f"train one for each (filter the table by column {name!r})"
                 )
                 raise ObservationError(msg)
             values[name] = named[0] if len(named) == 1 else ""
@@ -109,15 +114,23 @@ class RadianceModel(Predictor):
         ln of rings' radiance.
     black_level : float, grey levels
         Brightness without light.
+    black_level_known : bool
+        Whether the observations told it; it is 0 otherwise.
     origin : Origin
         What it was learnt on.
     """
 
     kind: ClassVar[str] = "radiance"
-    optional_inputs: ClassVar[tuple[str, ...]] = (*_NAMES, *TURN_COLUMNS, *_ORIGIN)
+    optional_inputs: ClassVar[tuple[str, ...]] = (
+        *_NAMES,
+        *TURN_COLUMNS,
+        *_ORIGIN,
+        "incidence_deg",
+    )
 
     learnt: LogRadiance
     black_level: float
+    black_level_known: bool = True
     origin: Origin = field(default_factory=Origin)
 
     @property
@@ -203,7 +216,53 @@ class RadianceModel(Predictor):
             poses=poses[first],
             turns=turns[first],
         )
+        incidence = np.full(len(rings), np.nan)
+        if "incidence_deg" in frame.columns:
+            incidence = frame["incidence_deg"].cast(pl.Float64).fill_null(np.nan).to_numpy()[first]
+        check_places(rings, incidence, self.sensor)
         return rings, ring
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say what weakens the model, and what would help."""
+        notes = []
+        if self.brightness == "i_avg":
+            notes.append(
+                "brightness is i_avg, of the captures' one image; if that is a stripe image, where "
+                "stripes lie scatters it by some 15 %: keep the frame stacks, or a texture image"
+            )
+        if not self.black_level_known:
+            notes.append(
+                "the black level is not known and taken as 0: no ring was captured unclipped at "
+                "several exposure times; add a few"
+            )
+        if self.sensor is None or self.learnt.formula.kind == "none":
+            notes.append(
+                "without the sensor's geometry, unseen features are predicted from equal poses "
+                "alone; name the sensor"
+            )
+        elif self.learnt.formula.kind == "camera":
+            notes.append(
+                "the projector's pose is not known; light is taken to come from the camera"
+            )
+        for what, names, factor in zip(
+            ("features", "views"),
+            (self.learnt.features, self.learnt.views),
+            self.learnt.widening,
+            strict=True,
+        ):
+            if len(names) < _FEW_GROUPS:
+                notes.append(
+                    f"{counted(len(names), what.removesuffix('s'))} only: bands for unseen {what} "
+                    f"are {factor:.1f} times as wide as they would be with many"
+                )
+        error = float(np.sqrt(np.mean(self.learnt.left_out("feature")[0] ** 2)))
+        if len(self.learnt.features) > 1 and error > _POOR:
+            notes.append(
+                f"brightness of a feature left out is missed by {100 * error:.0f} %: the formula "
+                "does not follow this finish, or poses are wrong; more views would help"
+            )
+        return tuple(notes)
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the measured rows of sufficient quality whose brightness is not clipped."""
@@ -301,6 +360,7 @@ class RadianceModel(Predictor):
             "views": list(learnt.views),
             "widening": list(learnt.widening),
             "black_level": self.black_level,
+            "black_level_known": self.black_level_known,
             "origin": vars(self.origin),
         }
         noise = process.row_noise if process.row_noise is not None else np.zeros(len(process.y))
@@ -332,5 +392,6 @@ class RadianceModel(Predictor):
             **common,
             learnt=learnt,
             black_level=content["black_level"],
+            black_level_known=content["black_level_known"],
             origin=Origin(**content["origin"]),
         )

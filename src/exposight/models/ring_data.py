@@ -42,6 +42,8 @@ class RingData:
     ----------
     rings : Rings
         Where they are.
+    incidence_deg : (n,) ndarray, degrees
+        Between the camera's ray and the normal, as recorded; NaN where it was not.
     log_radiance : (n,) ndarray
         ln of grey levels per ms; where only a limit is known, that limit.
     variance : (n,) ndarray
@@ -49,16 +51,20 @@ class RingData:
     limit : (n,) ndarray of int
         0 where it was measured, 1 where the ring is at least as bright, −1 where at most.
     black_level : float, grey levels
-        Brightness without light.
+        Brightness without light; 0 where nothing tells it.
+    black_level_known : bool
+        Whether something does.
     source : str
         The column that brightness was read from, ``i_mean`` or ``i_avg``.
     """
 
     rings: Rings
+    incidence_deg: NDArray[np.float64]
     log_radiance: NDArray[np.float64]
     variance: NDArray[np.float64]
     limit: NDArray[np.int64]
     black_level: float
+    black_level_known: bool
     source: str
 
     def __len__(self) -> int:
@@ -147,7 +153,7 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
     )
     rings = (
         frame.group_by("_ring", maintain_order=True)
-        .agg(pl.col(*RING_COLUMNS, *turns).first())
+        .agg(pl.col(*RING_COLUMNS, "incidence_deg", *turns).first())
         .sort("_ring")
     )
     group = frame["_ring"].to_numpy()
@@ -155,7 +161,9 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
     exposure_ms = frame["exposure_ms"].to_numpy()
     usable = frame["_clipped"].to_numpy() <= FEW_CLIPPED
     if black_level is None:
-        black_level = black_level_of(group[usable], grey[usable], exposure_ms[usable]) or 0.0
+        black_level = black_level_of(group[usable], grey[usable], exposure_ms[usable])
+    black_level_known = black_level is not None
+    black_level = black_level or 0.0
     above = grey - black_level
     bright = above > _DARK
     measured_well = usable & bright
@@ -174,9 +182,11 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
         log_radiance[ring] = value[rows & bright].max() if limit[ring] > 0 else value[rows].min()
     return RingData(
         rings=Rings.of(rings),
+        incidence_deg=rings["incidence_deg"].to_numpy(),
         log_radiance=log_radiance,
         variance=variance,
         limit=limit.astype(np.int64),
         black_level=black_level,
+        black_level_known=black_level_known,
         source=source,
     )

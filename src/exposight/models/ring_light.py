@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor
 from exposight.compiled import njit
+from exposight.errors import ObservationError
 from exposight.geometry import RigidTransform
 
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
@@ -111,6 +112,68 @@ class Rings:
             poses=self.poses[places],
             turns=self.turns[places],
         )
+
+
+_NEAR, _FAR = 0.6, 1.25
+"""Shares of the nearest and the farthest working distance between which features can be."""
+
+_INCIDENCE_DEG = 3.0
+"""Difference between recorded and computed incidence that is no rounding."""
+
+
+def check_places(
+    rings: Rings, incidence_deg: NDArray[np.float64], sensor: ActiveSensor | None
+) -> None:
+    """Check that rings can be where they are said to be, in the TCP frame of their sensor.
+
+    Parameters
+    ----------
+    rings : Rings
+        n of them.
+    incidence_deg : (n,) ndarray, degrees
+        Between the camera's ray and the normal, as recorded; NaN where it was not.
+    sensor : ActiveSensor or None
+        Nothing is checked without.
+
+    Raises
+    ------
+    ObservationError
+        If most lie far outside the working distance, face away, or are seen at other angles than
+        recorded: they are in another frame or unit.
+    """
+    if sensor is None:
+        return
+    expected = (
+        "x_mm, y_mm, z_mm must be in mm in its TCP frame (origin "
+        f"{sensor.camera_from_tcp.translation_mm[2]:g} mm before the camera), and w_deg, p_deg "
+        "those of the normal into the material, in degrees, 0 facing the sensor"
+    )
+    distance = sensor.camera_from_tcp.apply(rings.positions)[:, 2]
+    near, far = sensor.working_distance_mm
+    outside = (distance < _NEAR * near) | (distance > _FAR * far)
+    w, p = np.radians(rings.poses[:, 3:5]).T
+    into = np.stack([np.sin(p) * np.cos(w), -np.sin(w), np.cos(p) * np.cos(w)], axis=1)
+    ray = rings.positions - sensor.camera_from_tcp.inverse().translation_mm
+    cosine = np.einsum("ij,ij->i", ray, into) / np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    apart = np.abs(angle - incidence_deg)
+    apart = apart[np.isfinite(apart)]
+    fault = ""
+    if np.mean(outside) > 0.5:
+        fault = (
+            f"features lie {np.median(distance):.0f} mm before the camera of {sensor.name!r}, "
+            f"which measures at {near:g} to {far:g} mm"
+        )
+    elif np.mean(cosine <= 0.0) > 0.5:
+        fault = f"most features face away from the camera of {sensor.name!r}"
+    elif apart.size and np.median(apart) > _INCIDENCE_DEG:
+        fault = (
+            f"seen from the camera of {sensor.name!r}, the poses give angles of incidence "
+            f"{np.median(apart):.0f}° other than those recorded in incidence_deg"
+        )
+    if fault:
+        msg = f"{fault}: {expected}"
+        raise ObservationError(msg)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

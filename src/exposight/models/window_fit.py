@@ -183,22 +183,20 @@ def _ridge(place: FloatArray, value: FloatArray) -> FloatArray:
 
 def _offsets(frame: pl.DataFrame, black_level: float) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients of o_max and o_mod from the medians over rings; zeros without."""
-    names = ("i_mean_p50", "i_max_p50", "i_mod_p50")
-    if not set(names) <= set(frame.columns):
-        return np.zeros(10), np.zeros(10)
     frame = frame.filter(
         pl.Series(clipped_share(frame) <= FEW_CLIPPED),
-        pl.all_horizontal(pl.col(names).is_not_null()),
-        pl.col("i_mod_p50") > _MODULATED,
         pl.col("i_mean_p50") > black_level + _MODULATED,
     )
-    if frame.height == 0:
-        return np.zeros(10), np.zeros(10)
-    place = quadratic(frame.select("x_mm", "y_mm", "z_mm").to_numpy())
-    mean = np.log(frame["i_mean_p50"].to_numpy() - black_level)
-    brightest = np.log(frame["i_max_p50"].to_numpy() - black_level)
-    modulation = np.log(frame["i_mod_p50"].to_numpy())
-    return _ridge(place, brightest - mean), _ridge(place, modulation - mean)
+    found: list[FloatArray] = []
+    for name, black, least in (("i_max_p50", black_level, 0.0), ("i_mod_p50", 0.0, _MODULATED)):
+        rows = frame.filter(pl.col(name) > black + least)
+        if rows.height == 0:
+            found.append(np.zeros(10))
+            continue
+        place = quadratic(rows.select("x_mm", "y_mm", "z_mm").to_numpy())
+        mean = np.log(rows["i_mean_p50"].to_numpy() - black_level)
+        found.append(_ridge(place, np.log(rows[name].to_numpy() - black) - mean))
+    return found[0], found[1]
 
 
 def _widths(

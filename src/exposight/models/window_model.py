@@ -34,7 +34,7 @@ from exposight.models.radiance_model import (
 from exposight.models.radiance_search import MeanKind
 from exposight.models.ring_data import ring_data
 from exposight.models.ring_forecast import RingForecast
-from exposight.models.ring_light import POSE_COLUMNS, Rings
+from exposight.models.ring_light import POSE_COLUMNS, Rings, check_places
 from exposight.models.trial import with_trial
 from exposight.models.window import Window
 from exposight.models.window_fit import fit_window
@@ -202,6 +202,11 @@ class WindowModel(Predictor):
         )
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Say what weakens the model, and what would help."""
+        return self.radiance.notes
+
+    @property
     def n_observations(self) -> int:
         """Number of rows that the limits were learnt from."""
         return self.n_rows
@@ -335,6 +340,7 @@ def train_window(
             f"at least {_LEAST_RINGS} are needed, and ten from several views for useful bands"
         )
         raise ObservationError(msg)
+    check_places(data.rings, data.incidence_deg, sensor)
     learnt = LogRadiance.fit(
         data, sensor, kind=mean, start_from=previous.learnt if previous else None
     )
@@ -348,6 +354,7 @@ def train_window(
         sensor=sensor,
         learnt=learnt,
         black_level=data.black_level,
+        black_level_known=data.black_level_known,
         origin=origin,
     )
     known = start_from.window if start_from else None
