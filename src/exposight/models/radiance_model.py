@@ -216,7 +216,7 @@ class RadianceModel(Predictor):
             poses=poses[first],
             turns=turns[first],
         )
-        incidence = np.full(len(rings), np.nan)
+        incidence: FloatArray = np.full(len(rings), np.nan)
         if "incidence_deg" in frame.columns:
             incidence = frame["incidence_deg"].cast(pl.Float64).fill_null(np.nan).to_numpy()[first]
         check_places(rings, incidence, self.sensor)
