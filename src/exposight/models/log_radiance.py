@@ -32,6 +32,7 @@ from exposight.models.radiance_search import (
     FORMULA_STD,
     HALF,
     POSITION,
+    REACH,
     SLOPES,
     VIEW,
     Formula,
@@ -271,11 +272,16 @@ class LogRadiance:
 
     @cached_property
     def _scales(self) -> FloatArray:
-        """Learnt length scales of positions, half vectors and angles; infinite where not read."""
+        """Learnt length scales of positions, half vectors and angles; infinite where not read.
+
+        Where nothing goes beyond the formula they grow without limit; it holds no farther than the
+        prior's reach.
+        """
         scales = np.full(COLUMNS, np.inf)
         for each in self.process.kernel.parameters:
             if each.quantity.value == "length_scale":
-                scales[list(each.dims)] = each.value
+                dims = list(each.dims)
+                scales[dims] = np.minimum(each.value, REACH[dims])
         return scales
 
     def _distance(self, x: FloatArray) -> FloatArray:

@@ -58,6 +58,11 @@ _MM, _SLOPE = _Prior(math.log(300.0), 0.7), _Prior(math.log(0.25), 0.7)
 _WIDE_MM, _WIDE_DEG = _Prior(math.log(600.0), 0.7), _Prior(math.log(40.0), 0.7)
 
 
+REACH = np.array([600.0] * 3 + [0.4] * 2 + [40.0] * 2 + [np.inf] * 5)
+"""Largest length scales by which distances from what was learnt are measured: mm, parts of a half
+vector, degrees; twice the medians of the priors, or nearly."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Formula:
     """The physical mean with its parameters.
