@@ -218,7 +218,8 @@ class RadianceModel(Predictor):
         )
         incidence: FloatArray = np.full(len(rings), np.nan)
         if "incidence_deg" in frame.columns:
-            incidence = frame["incidence_deg"].cast(pl.Float64).fill_null(np.nan).to_numpy()[first]
+            recorded = frame["incidence_deg"].to_numpy()  # NaN where there is none
+            incidence = np.asarray(recorded[first], dtype=np.float64)
         check_places(rings, incidence, self.sensor)
         return rings, ring
 

@@ -214,7 +214,7 @@ class Search:
             jac=True,
             method="L-BFGS-B",
             bounds=limits,
-            options={"ftol": 1e-9, "gtol": 1e-4, "maxiter": 300},
+            options={"ftol": 1e-8, "gtol": 1e-4, "maxiter": 300},
         )
         parameters = origin.copy()
         parameters[:free] = end.x[:free]

@@ -18,6 +18,7 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from exposight.compiled import njit
 from exposight.errors import InputError
 from exposight.models.window import Points, Window, response_table
 
@@ -86,7 +87,7 @@ class RingForecast:
         return np.sqrt(np.diagonal(self.covariance))
 
     @cached_property
-    def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
         """ln(L·t), and the sharp and the mean response on it, and the sharp parts."""
         logs = np.log(self.exposures_ms)
         spread = float(self.std.max(initial=0.0))
@@ -104,12 +105,7 @@ class RingForecast:
     def _at(self, table: FloatArray, brightness: FloatArray) -> FloatArray:
         """Interpolate a table at ln(L·t), (n, m) each."""
         grid = self._grid[0]
-        place = np.clip((brightness - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.000001)
-        cell = place.astype(np.int64)
-        rows = np.arange(len(table))[:, None]
-        below = table[rows, cell]
-        out: FloatArray = below + (place - cell) * (table[rows, cell + 1] - below)
-        return out
+        return _interpolated(table, grid[0], grid[1] - grid[0], np.ascontiguousarray(brightness))
 
     @cached_property
     def _brightness(self) -> FloatArray:
@@ -179,22 +175,7 @@ class RingForecast:
     def _ends(self, need: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the ln(L·t) between which the quality reaches a value, (n,) each; NaN if none."""
         grid, sharp, _, top = self._grid
-        first, last = np.full(len(sharp), np.nan), np.full(len(sharp), np.nan)
-        step = grid[1] - grid[0]
-        for i, row in enumerate(sharp):
-            peak = int(top[i])
-            if row[peak] < need[i]:
-                continue
-            below = np.flatnonzero(row[:peak] < need[i])
-            j = int(below[-1]) if len(below) else 0
-            first[i] = grid[j] + step * _fraction(row, j, need[i]) if len(below) else grid[0]
-            beyond = np.flatnonzero(row[peak:] < need[i])
-            if len(beyond):
-                j = peak + int(beyond[0]) - 1
-                last[i] = grid[j] + step * _fraction(row, j, need[i])
-            else:
-                last[i] = grid[-1]
-        return first, last
+        return _crossings(sharp, top, grid[0], grid[1] - grid[0], np.asarray(need, dtype=float))
 
     def window_ms(self, confidence: float = 0.5) -> tuple[FloatArray, FloatArray]:
         """Return the two ends of each ring's window of exposure times, ms, (n,) each.
@@ -312,7 +293,41 @@ class RingForecast:
         return replace(self, exposures_ms=times, need=self.need if need is None else need)
 
 
-def _fraction(row: FloatArray, j: int, value: float) -> float:
-    """Return where between j and j + 1 a row passes a value."""
-    change = row[j + 1] - row[j]
-    return 0.0 if change == 0.0 else float((value - row[j]) / change)
+@njit()
+def _interpolated(
+    table: FloatArray, start: float, step: float, at: FloatArray
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return each row of a table over a regular grid at the same row of `at`, (n, m)."""
+    out = np.empty(at.shape)
+    last = table.shape[1] - 1.000001
+    for i in range(at.shape[0]):
+        for j in range(at.shape[1]):
+            place = min(max((at[i, j] - start) / step, 0.0), last)
+            cell = int(place)
+            out[i, j] = table[i, cell] + (place - cell) * (table[i, cell + 1] - table[i, cell])
+    return out
+
+
+@njit()
+def _crossings(
+    table: FloatArray, top: NDArray[np.int64], start: float, step: float, need: FloatArray
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Return where each row rises to and falls from a value about its highest place."""
+    n, g = table.shape
+    first, last = np.full(n, np.nan), np.full(n, np.nan)
+    for i in range(n):
+        row, j = table[i], top[i]
+        if row[j] < need[i]:
+            continue
+        while j > 0 and row[j - 1] >= need[i]:
+            j -= 1
+        first[i] = start + step * j
+        if j > 0:
+            first[i] -= step * (row[j] - need[i]) / (row[j] - row[j - 1])
+        j = top[i]
+        while j < g - 1 and row[j + 1] >= need[i]:
+            j += 1
+        last[i] = start + step * j
+        if j < g - 1:
+            last[i] += step * (row[j] - need[i]) / (row[j] - row[j + 1])
+    return first, last
