@@ -18,7 +18,14 @@ from tests.models.rings import (
 )
 
 from exposight.errors import InputError, ObservationError
-from exposight.models import WindowModel, load_model, propose_captures, save_model, train_window
+from exposight.models import (
+    WindowModel,
+    load_model,
+    propose_captures,
+    save_model,
+    train_response,
+    train_window,
+)
 from exposight.models.ring_data import black_level_of, ring_data
 from exposight.observing import ObservationTable
 
@@ -222,6 +229,43 @@ def test_features_far_from_anything_learnt_are_abstained_from(model: WindowModel
     assert not forecast.knows.any()
     assert "would tell" in forecast.unknown[0]
     assert not model.predict(tilted.with_columns(exposure_ms=pl.lit(20.0))).inside.any()
+
+
+def test_any_quality_of_a_ring_can_be_a_target(tmp_path: Path) -> None:
+    """Here a noise that falls with brightness and grows where rings clip."""
+
+    def with_noise(table: ObservationTable) -> ObservationTable:
+        level = (ring_data(table).log_radiance, ring_data(table).rings.keys)
+        radiance = dict(zip(level[1], level[0], strict=True))
+        keys = table.frame.select("feature", "view").iter_rows()
+        log_brightness = np.array([radiance[key] for key in keys])
+        log_brightness += np.log(table.array(["exposure_ms"])[:, 0])
+        rng = np.random.default_rng(3)
+        noise = 2.0 * np.exp(-log_brightness) + 0.05 * np.exp(log_brightness - np.log(100.0))
+        noise += rng.normal(0.0, 0.005, len(noise))
+        return ObservationTable.from_frame(table.frame.with_columns(noise_mm=pl.Series(noise)))
+
+    table, new = with_noise(observed()), with_noise(observed(views=4, seed=8, places="new-{}"))
+    model = train_response(
+        table, "noise_mm", model=train_window(table, sensor=SENSOR), better="lower"
+    )
+    noise = new.array(["noise_mm"])[:, 0]
+    moderate = noise < 0.4
+    prediction = model.predict(new)
+    assert np.sqrt(np.mean((prediction.mean - noise)[moderate] ** 2)) < 0.03
+    inside = (prediction.low <= noise) & (noise <= prediction.high)
+    assert inside[moderate].mean() > 0.9
+    with pytest.raises(InputError, match="which noise_mm is needed"):
+        model.forecast(rings_of(new), TIMES)
+    forecast = model.forecast(rings_of(new), TIMES, need=0.1)
+    good = forecast.quality < 0.08
+    assert forecast.chance[good].min() > 0.9
+    assert forecast.chance[forecast.quality > 0.12].max() < 0.2
+    save_model(tmp_path / "noise.exposight-model", model)
+    again = load_model(tmp_path / "noise.exposight-model")
+    np.testing.assert_array_equal(again.predict(new).mean, prediction.mean)
+    with pytest.raises(ObservationError, match="no numeric column 'form_mm'"):
+        train_response(table, "form_mm", model=model, better="lower")
 
 
 # -- learning on, transfer ----------------------------------------------------------------------

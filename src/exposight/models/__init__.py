@@ -24,4 +24,4 @@ from exposight.models.specification import (
     product_kernel,
 )
 from exposight.models.training import Training, run_trainings, train_all
-from exposight.models.window_model import WindowModel, train_window
+from exposight.models.window_model import WindowModel, train_response, train_window

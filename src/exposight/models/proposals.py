@@ -116,6 +116,6 @@ def _chance_usable(
     """Return the chance that a ring neither clips nor stays dark, (n, m)."""
     logs = mean[:, None] + np.log(times)
     spread = np.maximum(std[:, None], 0.05)
-    high = model.window.log_high + np.log(_HEADROOM)
+    high = model.window.span[1] + np.log(_HEADROOM)
     out: FloatArray = ndtr((high - logs) / spread) - ndtr((np.log(_DARK) - logs) / spread)
     return np.maximum(out, 0.0)

@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from exposight.compiled import njit
 from exposight.errors import InputError
-from exposight.models.window import Points, Window, response_table
+from exposight.models.window import Points, Response, Tables
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -45,8 +45,8 @@ class RingForecast:
         Of ln radiance: rings of one view, and of one feature, err together.
     points : Points
         How radiance spreads over each ring.
-    window : Window
-        The sensor's limits.
+    window : Response
+        How the quality depends on brightness: between the sensor's limits for p_norm.
     black_level : float, grey levels
         Brightness without light.
     need : float
@@ -68,7 +68,7 @@ class RingForecast:
     mean: FloatArray
     covariance: FloatArray
     points: Points
-    window: Window
+    window: Response
     black_level: float
     need: float
     distance: FloatArray
@@ -87,24 +87,23 @@ class RingForecast:
         return np.sqrt(np.diagonal(self.covariance))
 
     @cached_property
-    def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
-        """ln(L·t), and the sharp and the mean response on it, and the sharp parts."""
+    def _tables(self) -> Tables:
         logs = np.log(self.exposures_ms)
-        spread = float(self.std.max(initial=0.0))
-        low = float(self.mean.min() + logs.min()) - _REACH - 3.0 * spread
-        high = float(self.mean.max() + logs.max()) + _REACH + 3.0 * spread
-        low, high = min(low, self.window.log_low - _REACH), max(high, self.window.log_high + 0.3)
-        grid, unclipped, weak = response_table(self.window, self.points, low, high)
-        sharp = np.maximum(unclipped - weak, 0.0) * self.points.best[:, None]
-        _, unclipped, weak = response_table(
-            self.window, self.points, low, high, np.diagonal(self.covariance)
-        )
-        mean = np.maximum(unclipped - weak, 0.0) * self.points.best[:, None]
-        return grid, sharp, mean, sharp.argmax(axis=1)
+        margin = _REACH + 3.0 * float(self.std.max(initial=0.0))
+        first, last = self.window.span
+        low = min(float(self.mean.min() + logs.min()) - margin, first - _REACH)
+        high = max(float(self.mean.max() + logs.max()) + margin, last + 0.3)
+        return self.window.tables(self.points, low, high, np.diagonal(self.covariance))
+
+    @cached_property
+    def _top(self) -> NDArray[np.int64]:
+        """Where each ring is at its best, on the grid of ln(L·t)."""
+        top: NDArray[np.int64] = self._tables.sharp.argmax(axis=1)
+        return top
 
     def _at(self, table: FloatArray, brightness: FloatArray) -> FloatArray:
         """Interpolate a table at ln(L·t), (n, m) each."""
-        grid = self._grid[0]
+        grid = self._tables.grid
         return _interpolated(table, grid[0], grid[1] - grid[0], np.ascontiguousarray(brightness))
 
     @cached_property
@@ -113,36 +112,39 @@ class RingForecast:
         return out
 
     @cached_property
-    def p_norm(self) -> FloatArray:
+    def quality(self) -> FloatArray:
         """Mean of the quality to expect, (n, m)."""
-        return self._at(self._grid[2], self._brightness)
+        return self.window.sign * self._at(self._tables.mean, self._brightness)
+
+    @property
+    def p_norm(self) -> FloatArray:
+        """`quality`, where that is p_norm."""
+        return self.quality
 
     def quantile(self, level: float) -> FloatArray:
-        """Return the quality that is reached with the chance 1 − `level`, (n, m).
+        """Return the quality below which it stays with a chance, (n, m).
 
-        Quality rises to its best with brightness and falls again. A low quantile is the worse of
-        too dark and too bright; a high one the best in between.
+        Quality gets better with brightness up to its best, and worse again. A bad quantile is the
+        worse of too dark and too bright; a good one the best in between.
         """
-        z = abs(float(ndtri(level)))
-        dark = (z * np.hypot(self.std, self.points.shift_low))[:, None]
-        bright = (z * np.hypot(self.std, self.points.shift_high))[:, None]
-        grid, sharp, _, top = self._grid
-        scatter = z * np.maximum(self.window.scatter, self.points.best_std)[:, None]
-        if level < 0.5:
+        sign = self.window.sign
+        z = sign * float(ndtri(level))
+        dark = (abs(z) * np.hypot(self.std, self.points.shift_low))[:, None]
+        bright = (abs(z) * np.hypot(self.std, self.points.shift_high))[:, None]
+        sharp = self._tables.sharp
+        if z < 0.0:
             values = np.minimum(
                 self._at(sharp, self._brightness - dark), self._at(sharp, self._brightness + bright)
             )
-            return np.asarray(np.maximum(values - scatter, 0.0), dtype=np.float64)
-        best_at = grid[top][:, None]
-        nearest = np.clip(best_at, self._brightness - bright, self._brightness + dark)
-        values = self._at(sharp, nearest)
-        share = np.minimum(values / np.maximum(self.points.best[:, None], 1e-9), 1.0)
-        out: FloatArray = values + scatter * share
-        return out
+        else:
+            best_at = self._tables.grid[self._top][:, None]
+            nearest = np.clip(best_at, self._brightness - bright, self._brightness + dark)
+            values = self._at(sharp, nearest)
+        return sign * self.window.widened(values, self.points, z)
 
     @cached_property
     def low(self) -> FloatArray:
-        """Lower end of the 2σ band, (n, m): p_norm is below with a chance of 2.3 %."""
+        """Lower end of the 2σ band, (n, m): the quality is below with a chance of 2.3 %."""
         return self.quantile(float(ndtr(-_TWO_SIGMA)))
 
     @cached_property
@@ -158,24 +160,19 @@ class RingForecast:
     def chance_of(self, need: float) -> FloatArray:
         """Return the chance that the quality reaches another value, (n, m)."""
         total = np.zeros_like(self._brightness)
-        uncertain = self.points.best_std > 0.01
-        nodes = (
-            ((0.0, 1.0),) if not uncertain.any() else ((-1.732, 1 / 6), (0, 2 / 3), (1.732, 1 / 6))
-        )
-        for shift, weight in nodes:
-            best = self.points.best + shift * np.where(uncertain, self.points.best_std, 0.0)
-            first, last = self._ends(need * self.points.best / np.maximum(best, 1e-9))
-            dark = np.hypot(self.std, self.points.shift_low)[:, None]
-            bright = np.hypot(self.std, self.points.shift_high)[:, None]
-            above = ndtr((self._brightness - first[:, None]) / np.maximum(dark, 1e-6))
-            beyond = ndtr((self._brightness - last[:, None]) / np.maximum(bright, 1e-6))
+        dark = np.maximum(np.hypot(self.std, self.points.shift_low), 1e-6)[:, None]
+        bright = np.maximum(np.hypot(self.std, self.points.shift_high), 1e-6)[:, None]
+        for weight, level in self.window.needs(self.points, need):
+            first, last = self._ends(level)
+            above = ndtr((self._brightness - first[:, None]) / dark)
+            beyond = ndtr((self._brightness - last[:, None]) / bright)
             total += weight * np.maximum(np.nan_to_num(above - beyond, nan=0.0), 0.0)
         return total
 
     def _ends(self, need: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the ln(L·t) between which the quality reaches a value, (n,) each; NaN if none."""
-        grid, sharp, _, top = self._grid
-        return _crossings(sharp, top, grid[0], grid[1] - grid[0], np.asarray(need, dtype=float))
+        grid, sharp, _ = self._tables
+        return _crossings(sharp, self._top, grid[0], grid[1] - grid[0], need)
 
     def window_ms(self, confidence: float = 0.5) -> tuple[FloatArray, FloatArray]:
         """Return the two ends of each ring's window of exposure times, ms, (n,) each.
@@ -183,7 +180,7 @@ class RingForecast:
         Between them the quality reaches `need`, each end by itself with the confidence asked; NaN
         where no exposure time does.
         """
-        first, last = self._ends(np.full(len(self.mean), self.need))
+        first, last = self._ends(np.full(len(self.mean), self.window.sign * self.need))
         z = float(ndtri(confidence))
         low = np.exp(first - self.mean + z * np.hypot(self.std, self.points.shift_low))
         high = np.exp(last - self.mean - z * np.hypot(self.std, self.points.shift_high))
@@ -209,7 +206,7 @@ class RingForecast:
         radiance = rng.multivariate_normal(
             self.mean, self.covariance, draws, method="eigh", check_valid="ignore"
         )
-        first, last = self._ends(np.full(n, self.need))
+        first, last = self._ends(np.full(n, self.window.sign * self.need))
         dark = rng.standard_normal((draws, n)) * self.points.shift_low
         bright = rng.standard_normal((draws, n)) * self.points.shift_high
         ends = np.stack([first - radiance + dark, last - radiance - bright], axis=-1)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 _SPAN_MM = 200.0
 """Scale of positions in the quadratics."""
+
+
+_ALIKE = 0.01
+"""Scatter of q from ring to ring that makes no difference."""
 
 
 class Points(NamedTuple):
@@ -57,6 +61,52 @@ class Points(NamedTuple):
     shift_low: FloatArray
     best: FloatArray
     best_std: FloatArray
+
+
+class Tables(NamedTuple):
+    """A quality over ln(L·t), more being better.
+
+    Parameters
+    ----------
+    grid : (g,) ndarray
+        Equally spaced ln(L·t).
+    sharp : (n, g) ndarray
+        The quality of each ring there.
+    mean : (n, g) ndarray
+        Its mean over an uncertain ln L and uncertain edges.
+    """
+
+    grid: FloatArray
+    sharp: FloatArray
+    mean: FloatArray
+
+
+class Response(Protocol):
+    """How a quality of a ring depends on its brightness: what forecasts are made of."""
+
+    @property
+    def sign(self) -> float:
+        """1 where more of the quality is better, −1 where less is."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Range of ln(L·t) in which it changes."""
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the quality from capture to capture."""
+
+    def points(self, model: LogRadiance, rings: Rings, light: RingLight | None) -> Points:
+        """Return the points of n rings as the radiance model sees them, lit as `light` says."""
+
+    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
+        """Tabulate the quality from one ln(L·t) to another; `variance` is that of ln L, (n,)."""
+
+    def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
+        """Add z standard deviations of the scatter to values, (n, m)."""
+
+    def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
+        """Return what tables must reach for a quality to be reached, (n,), with their chances."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,6 +145,54 @@ class Window:
     def limits(self) -> tuple[float, float]:
         """b_low, grey levels of modulation, and b_high, grey levels above black."""
         return math.exp(self.log_low), math.exp(self.log_high)
+
+    @property
+    def sign(self) -> float:
+        """More of p_norm is better."""
+        return 1.0
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The two edges, ln."""
+        return self.log_low, self.log_high
+
+    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
+        """Tabulate p_norm of n rings (`Response.tables`)."""
+        grid = regular_grid(low, high)
+        weight, best = np.ascontiguousarray(points.weight), points.best[:, None]
+        edges = (
+            (self.log_high - points.high, points.width_high, points.shift_high),
+            (self.log_low - points.low, points.width_low, points.shift_low),
+        )
+        sharp = [_tabulate(grid, at, weight, width) for at, width, _ in edges]
+        mean = [
+            _tabulate(grid, at, weight, np.sqrt(width**2 + shift**2 + variance))
+            for at, width, shift in edges
+        ]
+        return Tables(
+            grid=grid,
+            sharp=np.maximum(sharp[0] - sharp[1], 0.0) * best,
+            mean=np.maximum(mean[0] - mean[1], 0.0) * best,
+        )
+
+    def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
+        """Add z standard deviations of the scatter: in full below, above by p_norm's share of q."""
+        scatter = z * np.maximum(self.scatter, points.best_std)[:, None]
+        if z < 0.0:
+            return np.maximum(values + scatter, 0.0)
+        out: FloatArray = values + scatter * np.minimum(
+            values / np.maximum(points.best[:, None], 1e-9), 1.0
+        )
+        return out
+
+    def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
+        """Return what p_norm must reach, the scatter of q from ring to ring considered."""
+        if (points.best_std < _ALIKE).all():
+            return [(1.0, np.full(len(points.best), need))]
+        return [
+            (weight, need * points.best / np.maximum(points.best + node * points.best_std, 1e-9))
+            for node, weight in ((-1.732, 1 / 6), (0.0, 2 / 3), (1.732, 1 / 6))
+        ]
 
     def points(self, model: LogRadiance, rings: Rings, light: RingLight | None) -> Points:
         """Return the points of n rings as the radiance model sees them, lit as `light` says."""
@@ -167,39 +265,12 @@ def _tabulate(
     return out
 
 
-GRID_STEP = 0.02
+_GRID_STEP = 0.02
 """Step of ln brightness in tables."""
 
 
-def response_table(
-    window: Window, points: Points, low: float, high: float, variance: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tabulate the shares of points that are unclipped, and too weak, over ln(L·t).
-
-    Parameters
-    ----------
-    window : Window
-    points : Points
-        Of n rings.
-    low, high : float
-        Range of ln(L·t).
-    variance : (n,) ndarray, optional
-        Of ln L: the mean over it and over the edges' shifts is tabulated, and not at one value.
-
-    Returns
-    -------
-    grid : (g,) ndarray
-    unclipped, weak : (n, g) ndarray
-    """
-    steps = max(2, math.ceil((high - low) / GRID_STEP) + 1)
+def regular_grid(low: float, high: float) -> FloatArray:
+    """Return equally spaced values of ln(L·t)."""
+    steps = max(2, math.ceil((high - low) / _GRID_STEP) + 1)
     grid: FloatArray = np.linspace(low, high, steps, dtype=np.float64)
-    wide_high, wide_low = points.width_high, points.width_low
-    if variance is not None:
-        wide_high = np.sqrt(wide_high**2 + points.shift_high**2 + variance)
-        wide_low = np.sqrt(wide_low**2 + points.shift_low**2 + variance)
-    weight = np.ascontiguousarray(points.weight)
-    return (
-        grid,
-        _tabulate(grid, window.log_high - points.high, weight, wide_high),
-        _tabulate(grid, window.log_low - points.low, weight, wide_low),
-    )
+    return grid

@@ -32,6 +32,7 @@ from exposight.models.radiance_model import (
     RadianceModel,
 )
 from exposight.models.radiance_search import MeanKind
+from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
 from exposight.models.ring_data import ring_data
 from exposight.models.ring_forecast import RingForecast
 from exposight.models.ring_light import POSE_COLUMNS, Rings, check_places
@@ -47,7 +48,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 @register_predictor
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowModel(Predictor):
-    """Predicts p_norm over exposure time, from a ring's pose.
+    """Predicts a quality over exposure time, from a ring's pose: p_norm, or any other.
 
     Parameters
     ----------
@@ -55,23 +56,29 @@ class WindowModel(Predictor):
         As in `Predictor`.
     radiance : RadianceModel
         How bright rings are.
-    window : Window
-        Between which limits a sensor gives points.
+    window : Window or ResponseCurve
+        Between which limits a sensor gives points; of another quality, its curve over brightness.
     n_rows : int
-        Captures of rings that the limits were learnt from.
+        Captures of rings that it was learnt from.
     """
 
     kind: ClassVar[str] = "window"
     optional_inputs: ClassVar[tuple[str, ...]] = RadianceModel.optional_inputs
 
     radiance: RadianceModel
-    window: Window
+    window: Window | ResponseCurve
     n_rows: int
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The sensor's two limits: grey levels of modulation, and grey levels above black."""
-        return self.window.limits
+        """The sensor's two limits: grey levels of modulation, and grey levels above black.
+
+        Of a quality other than p_norm the brightnesses, above black, between which it was learnt.
+        """
+        if isinstance(self.window, Window):
+            return self.window.limits
+        low, high = np.exp(self.window.span).tolist()
+        return low, high
 
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame with `inputs` and perhaps `optional_inputs`."""
@@ -121,7 +128,7 @@ class WindowModel(Predictor):
         exposures_ms: Sequence[float] | FloatArray,
         *,
         trial: ObservationTable | None = None,
-        need: float = P_NORM_NEED,
+        need: float | None = None,
     ) -> RingForecast:
         """Forecast rings over exposure time.
 
@@ -134,8 +141,8 @@ class WindowModel(Predictor):
             Exposure times to look at.
         trial : ObservationTable, optional
             Captures of these views, at any exposure times.
-        need : float
-            Quality that is asked for.
+        need : float, optional
+            Quality that is asked for; of p_norm `P_NORM_NEED` by default.
 
         Raises
         ------
@@ -151,6 +158,10 @@ class WindowModel(Predictor):
                 f"{rings.height} rings and {times.tolist()[:5]}"
             )
             raise InputError(msg)
+        if need is None and self.target != "p_norm":
+            msg = f"say which {self.target} is needed, in {self.unit}"
+            raise InputError(msg)
+        need = P_NORM_NEED if need is None else need
         unique, _ = self.radiance.rings(rings)
         if len(unique) != rings.height:
             msg = f"the same ring twice among {rings.height}; give each feature and view once"
@@ -228,6 +239,15 @@ class WindowModel(Predictor):
     def hyperparameters(self) -> tuple[Hyperparameter, ...]:
         """Return the limits, widths and shifts of the window."""
         window = self.window
+        if isinstance(window, ResponseCurve):
+            scatter = Hyperparameter(
+                name="scatter",
+                quantity="parameter",
+                inputs=(),
+                value=window.scatter,
+                unit=self.unit,
+            )
+            return (scatter,)
         low, high = window.limits
         items = (
             ("limit of modulation", low, "grey levels"),
@@ -248,7 +268,7 @@ class WindowModel(Predictor):
         """Return the limits, and the radiance model's document."""
         content, arrays = self.radiance.to_document()
         kept = vars(self.window)
-        numbers = {name: value for name, value in kept.items() if isinstance(value, float)}
+        numbers = {name: value for name, value in kept.items() if isinstance(value, float | str)}
         further = {f"window_{n}": v for n, v in kept.items() if isinstance(v, np.ndarray)}
         radiance = {
             "name": self.radiance.name,
@@ -279,7 +299,8 @@ class WindowModel(Predictor):
             for name, array in arrays.items()
             if name.startswith("window_")
         }
-        window = Window(**content["window"], **further)
+        kind = ResponseCurve if "better" in content["window"] else Window
+        window = kind(**content["window"], **further)
         radiance = RadianceModel.from_document(of_radiance, inner, arrays)
         return cls(**common, radiance=radiance, window=window, n_rows=content["n_rows"])
 
@@ -358,6 +379,9 @@ def train_window(
         origin=origin,
     )
     known = start_from.window if start_from else None
+    if isinstance(known, ResponseCurve):
+        msg = f"{QUALITY} starts from a model of p_norm, which knows the sensor's limits"
+        raise InputError(msg)
     window = fit_window(learnt, data, measured.frame, start_from=known)
     return WindowModel(
         name=QUALITY,
@@ -369,4 +393,50 @@ def train_window(
         radiance=radiance,
         window=window,
         n_rows=len(measured),
+    )
+
+
+def train_response(
+    table: ObservationTable, target: str, *, model: WindowModel, better: Better
+) -> WindowModel:
+    """Learn how another quality of rings depends on their brightness.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Rows that have a value in column `target`; those that clip or stay dark included.
+    target : str
+        A numeric column: noise, form or diameter error, or anything else.
+    model : WindowModel
+        Of the same sensor and finish; its radiance model says how bright rings are.
+    better : {'higher', 'lower'}
+        Which quality is better.
+
+    Returns
+    -------
+    WindowModel
+        Predicts `target`, with the same forecasts as for p_norm.
+
+    Raises
+    ------
+    ObservationError
+        If there is no such column, or it has too few values.
+    """
+    radiance = model.radiance
+    frame = rows_of_quality(table.measured().frame, target)
+    rings, ring = radiance.rings(frame)
+    log_radiance, _, _ = radiance.radiance(rings)
+    exposure_ms = frame["exposure_ms"].to_numpy()
+    curve = ResponseCurve.fit(
+        log_radiance[ring] + np.log(exposure_ms),
+        frame[target].cast(pl.Float64).to_numpy(),
+        better,
+    )
+    return replace(
+        model,
+        name=f"{QUALITY}_{target}",
+        title=f"{target}, curve over brightness",
+        target=target,
+        window=curve,
+        n_rows=frame.height,
     )

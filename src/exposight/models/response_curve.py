@@ -1,0 +1,160 @@
+"""Any quality of a ring over its brightness: a curve learnt from captures, for forecasts.
+
+Noise, form or diameter of a ring depend on how bright it is, as p_norm does, in ways that nobody
+needs to write down: one curve over ln brightness, and the scatter round it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from exposight import gp
+from exposight.errors import ObservationError
+from exposight.models.log_radiance import LogRadiance
+from exposight.models.ring_light import RingLight, Rings
+from exposight.models.window import Points, Tables, regular_grid
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+Better: TypeAlias = Literal["higher", "lower"]
+
+_KNOTS = 120
+_MOST_ROWS = 600
+"""Rows that the curve is learnt from, evenly chosen over brightness; more say nothing new."""
+_FEWEST_ROWS = 12
+_NODES = ((-1.732, 1 / 6), (0.0, 2 / 3), (1.732, 1 / 6))
+"""Gauss–Hermite: normal scatter by three values and their weights."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResponseCurve:
+    """A quality over ln(L·t), the same for all rings.
+
+    Parameters
+    ----------
+    grid : (g,) ndarray
+        ln of grey levels above black; constant beyond.
+    values : (g,) ndarray
+        The quality, negative where lower is better, so that more is better.
+    scatter : float
+        Standard deviation round the curve, from capture to capture.
+    better : {'higher', 'lower'}
+        Which quality is better.
+    """
+
+    grid: FloatArray
+    values: FloatArray
+    scatter: float
+    better: Better
+
+    @property
+    def sign(self) -> float:
+        """−1 where lower is better."""
+        return -1.0 if self.better == "lower" else 1.0
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Smallest and largest ln(L·t) that it was learnt at."""
+        return float(self.grid[0]), float(self.grid[-1])
+
+    @classmethod
+    def fit(cls, log_brightness: FloatArray, quality: FloatArray, better: Better) -> ResponseCurve:
+        """Learn a curve from captures.
+
+        Parameters
+        ----------
+        log_brightness : (n,) ndarray
+            ln of grey levels above black that a ring would have, did nothing clip.
+        quality : (n,) ndarray
+            In its unit.
+        better : {'higher', 'lower'}
+            Which is better.
+
+        Raises
+        ------
+        ObservationError
+            If there are too few captures, or all are equally bright.
+        """
+        if len(quality) < _FEWEST_ROWS or np.ptp(log_brightness) < 0.1:
+            msg = (
+                f"a curve of quality over brightness needs at least {_FEWEST_ROWS} captures of "
+                f"different brightness, got {len(quality)} over a factor of "
+                f"{np.exp(np.ptp(log_brightness)) if len(quality) else 1:.2f}"
+            )
+            raise ObservationError(msg)
+        order = np.argsort(log_brightness)
+        order = order[np.linspace(0, len(order) - 1, min(_MOST_ROWS, len(order))).astype(int)]
+        x, y = log_brightness[order, None], quality[order]
+        middle = float(np.median(y))
+        kernel = gp.Matern52(variance=1.0, length_scales=(0.5,), dims=(0,))
+        fitted = gp.fit(kernel, x, y - middle, rng=np.random.default_rng(1), restarts=1).process
+        grid = np.linspace(x[0, 0], x[-1, 0], _KNOTS)
+        values = middle + fitted.predict(grid[:, None]).mean
+        sign = -1.0 if better == "lower" else 1.0
+        scatter = float(np.sqrt(fitted.noise_variance))
+        return cls(grid=grid, values=sign * values, scatter=scatter, better=better)
+
+    def points(self, model: LogRadiance, rings: Rings, light: RingLight | None) -> Points:
+        """Return points that spread over nothing: the curve is of whole rings."""
+        del model
+        n = len(rings)
+        lit = np.ones(n) if light is None else light.lit.mean(axis=1)
+        zero, one = np.zeros(n), np.ones(n)
+        return Points(
+            high=np.zeros((n, 1)),
+            low=np.zeros((n, 1)),
+            weight=lit[:, None],
+            width_high=one,
+            width_low=one,
+            shift_high=zero,
+            shift_low=zero,
+            best=one,
+            best_std=zero,
+        )
+
+    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
+        """Tabulate the curve, and its mean over an uncertain ln L, for n rings."""
+        grid = regular_grid(low, high)
+        sharp = np.tile(np.interp(grid, self.grid, self.values), (len(points.best), 1))
+        nodes, weights = np.polynomial.hermite_e.hermegauss(9)
+        at = grid + np.sqrt(variance)[:, None, None] * nodes[:, None]
+        mean = np.einsum(
+            "k,nkg->ng", weights / weights.sum(), np.interp(at, self.grid, self.values)
+        )
+        return Tables(grid=grid, sharp=sharp, mean=mean)
+
+    def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
+        """Add z standard deviations of the scatter."""
+        del points
+        return values + z * self.scatter
+
+    def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
+        """Return what the curve must reach for the quality to be reached, with its chance."""
+        n = len(points.best)
+        return [
+            (weight, np.full(n, self.sign * need - node * self.scatter)) for node, weight in _NODES
+        ]
+
+
+def rows_of_quality(frame: pl.DataFrame, target: str) -> pl.DataFrame:
+    """Return the rows that have a quality.
+
+    Raises
+    ------
+    ObservationError
+        If there is no such numeric column, or it is empty.
+    """
+    if target not in frame.columns or not frame[target].dtype.is_numeric():
+        numeric = [name for name, dtype in frame.schema.items() if dtype.is_numeric()]
+        msg = f"no numeric column {target!r} to learn a quality from; there are {numeric}"
+        raise ObservationError(msg)
+    rows = frame.filter(pl.col(target).is_not_null() & pl.col(target).is_finite())
+    if rows.height == 0:
+        msg = f"column {target!r} has no value in any measured row"
+        raise ObservationError(msg)
+    return rows
