@@ -128,7 +128,7 @@ class LogRadiance:
         features, views = (tuple(dict.fromkeys(names)) for names in (rings.features, rings.views))
         formula = Formula(kind=kind)
         light = formula.light(rings, sensor)
-        kernel, priors = covariance_of(kind)
+        kernel, priors = covariance_of(kind, one_image=data.source == "i_avg")
         if start_from is not None and start_from.formula.kind == kind:
             priors = centred(priors, start_from.process, len(priors))
         first, _ = formula.evaluate(light, len(data))

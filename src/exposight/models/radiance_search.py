@@ -39,10 +39,11 @@ _SOFT = 0.05
 
 
 class _Prior(NamedTuple):
-    """Normal prior of a hyperparameter's natural logarithm."""
+    """Normal prior of a hyperparameter's natural logarithm, and its least value."""
 
     mean: float
     std: float
+    least: float = -math.inf
 
 
 def _variance(std: float, width: float = 1.5) -> _Prior:
@@ -54,8 +55,12 @@ def _variance(std: float, width: float = 1.5) -> _Prior:
 # whole volume, 40°.
 _BEYOND, _PRODUCT, _ALONE = _variance(0.14), _variance(0.5), _variance(1.4)
 _OF_FEATURE, _OF_VIEW, _OF_RING = _variance(0.05, 1.0), _variance(0.02, 1.0), _variance(0.02, 1.0)
-_MM, _SLOPE = _Prior(math.log(300.0), 0.7), _Prior(math.log(0.25), 0.7)
-_WIDE_MM, _WIDE_DEG = _Prior(math.log(600.0), 0.7), _Prior(math.log(40.0), 0.7)
+_OF_STRIPES = _variance(0.15, 0.5)
+# Nothing shorter than the third numbers: it would be single rings'.
+_MM, _SLOPE, _WIDE_MM, _WIDE_DEG = (
+    _Prior(math.log(median), 0.7, math.log(least))
+    for median, least in ((300.0, 75.0), (0.25, 0.05), (600.0, 75.0), (40.0, 5.0))
+)
 
 
 REACH = np.array([600.0] * 3 + [0.4] * 2 + [40.0] * 2 + [np.inf] * 5)
@@ -121,8 +126,13 @@ class Formula:
         return self.level + np.maximum(mean, _UNLIT), slopes
 
 
-def covariance_of(kind: MeanKind) -> tuple[Kernel, list[_Prior]]:
-    """Return the covariance's form, and priors of its free hyperparameters in their order."""
+def covariance_of(kind: MeanKind, *, one_image: bool) -> tuple[Kernel, list[_Prior]]:
+    """Return the covariance's form, and priors of its free hyperparameters and of the noise.
+
+    Brightness of one stripe image (`one_image`) depends on where stripes lie, which a short length
+    scale would follow at the places that were learnt from, and only there.
+    """
+    near = _Prior(_MM.mean, _MM.std, math.log(400.0)) if one_image else _MM
 
     def matern(dims: tuple[int, ...], scales: list[_Prior], variance: _Prior | None) -> Kernel:
         return Matern52(
@@ -145,25 +155,30 @@ def covariance_of(kind: MeanKind) -> tuple[Kernel, list[_Prior]]:
         priors = [_ALONE, *scales]
     elif kind == "projector":
         terms = (
-            matern(POSITION, [_MM] * 3, _BEYOND),
+            matern(POSITION, [near] * 3, _BEYOND),
             matern(HALF, [_SLOPE] * 2, _BEYOND),
         )
-        priors = [_BEYOND, *[_MM] * 3, _BEYOND, *[_SLOPE] * 2]
+        priors = [_BEYOND, *[near] * 3, _BEYOND, *[_SLOPE] * 2]
     else:  # what the half vector means then depends on the position
-        terms = (matern(POSITION, [_MM] * 3, None) * matern(HALF, [_SLOPE] * 2, _PRODUCT),)
-        priors = [*[_MM] * 3, _PRODUCT, *[_SLOPE] * 2]
+        terms = (matern(POSITION, [near] * 3, None) * matern(HALF, [_SLOPE] * 2, _PRODUCT),)
+        priors = [*[near] * 3, _PRODUCT, *[_SLOPE] * 2]
     effects = (
         Category(variance=math.exp(_OF_FEATURE.mean), dim=FEATURE),
         Category(variance=math.exp(_OF_VIEW.mean), dim=VIEW),
     )
-    return Sum(terms=(*terms, *effects)), [*priors, _OF_FEATURE, _OF_VIEW, _OF_RING]
+    return Sum(terms=(*terms, *effects)), [
+        *priors,
+        _OF_FEATURE,
+        _OF_VIEW,
+        _OF_STRIPES if one_image else _OF_RING,
+    ]
 
 
 def centred(priors: list[_Prior], process: GaussianProcess, free: int) -> list[_Prior]:
     """Centre priors on what another model found, narrower by half."""
     found = [each.value for each in process.kernel.free_parameters[: free - 1]]
     return [
-        _Prior(math.log(value), 0.5 * prior.std)
+        _Prior(math.log(value), 0.5 * prior.std, prior.least)
         for prior, value in zip(priors, [*found, process.noise_variance], strict=True)
     ]
 
@@ -185,7 +200,7 @@ class Search:
         likelihood = MarginalLikelihood(
             x, y, active=np.ones(len(y), dtype=np.bool_), row_noise=self.data.variance[known]
         )
-        centre, std = (np.array(each) for each in zip(*self.priors, strict=True))
+        centre, std = (np.array([each[place] for each in self.priors]) for place in range(2))
         origin = self.formula.parameters
         free = 1 if self.light is None else 3
 
@@ -207,7 +222,10 @@ class Search:
             return -total / len(y), -gradient / len(y)
 
         limits = [(-50.0, 60.0), (-12.0, 12.0), (-8.0, 4.0)][:free]
-        limits += [(each.mean - 6 * each.std, each.mean + 6 * each.std) for each in self.priors]
+        limits += [
+            (max(each.least, each.mean - 6 * each.std), each.mean + 6 * each.std)
+            for each in self.priors
+        ]
         end = minimize(
             loss,
             np.concatenate([origin[:free], centre]),
