@@ -123,8 +123,12 @@ class Window:
         Coefficients of o_max and o_mod.
     scatter : float
         Standard deviation of p_norm beside all that, where a ring is at its best.
-    best : (10,) ndarray
-        Coefficients of q.
+    tail : float
+        p_norm below which rings stay, but for 2.3 %, where none of their points should be had: of
+        misaligned rings some pixels look elsewhere.
+    best : (11,) ndarray
+        Coefficients of q: in position, and in ln of the radius, which says how much of a ring a
+        misaligned view misses.
     best_std : float
         Standard deviation of q from ring to ring.
     """
@@ -138,6 +142,7 @@ class Window:
     offset_max: FloatArray
     offset_mod: FloatArray
     scatter: float
+    tail: float
     best: FloatArray
     best_std: float
 
@@ -176,13 +181,12 @@ class Window:
         )
 
     def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
-        """Add z standard deviations of the scatter: in full below, above by p_norm's share of q."""
+        """Add z standard deviations of the scatter; above, by p_norm's share of q, and the tail."""
         scatter = z * np.maximum(self.scatter, points.best_std)[:, None]
         if z < 0.0:
             return np.maximum(values + scatter, 0.0)
-        out: FloatArray = values + scatter * np.minimum(
-            values / np.maximum(points.best[:, None], 1e-9), 1.0
-        )
+        share = np.minimum(values / np.maximum(points.best[:, None], 1e-9), 1.0)
+        out: FloatArray = values + scatter * share + 0.5 * z * self.tail * (1.0 - share)
         return out
 
     def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
@@ -207,7 +211,7 @@ class Window:
             width_low=np.full(n, self.width_low),
             shift_high=np.full(n, self.shift_high),
             shift_low=np.full(n, self.shift_low),
-            best=place @ self.best,
+            best=place_and_size(rings) @ self.best,
             best_std=np.full(n, self.best_std),
         )
 
@@ -228,6 +232,12 @@ def quadratic(positions_mm: FloatArray) -> FloatArray:
     """Return 1, x, y, z and their products, scaled, (n, 10)."""
     x, y, z = (positions_mm / _SPAN_MM).T
     return np.stack([np.ones(len(x)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
+
+
+def place_and_size(rings: Rings) -> FloatArray:
+    """Return `quadratic` of the positions, and ln of the rings' radius, about 0, (n, 11)."""
+    size = np.log((rings.poses[:, 5] + 4.0) / 14.0)
+    return np.column_stack([quadratic(rings.positions), size])
 
 
 _NORMAL_STEP = 1.0 / 128.0

@@ -17,7 +17,7 @@ from exposight.errors import ObservationError
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.ring_data import FEW_CLIPPED, RingData, clipped_share
 from exposight.models.ring_light import Rings
-from exposight.models.window import Window, quadratic, ring_shape
+from exposight.models.window import Window, place_and_size, quadratic, ring_shape
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -39,6 +39,9 @@ brightness it is the mean's, and may be half of that."""
 
 _KEPT_STD = 0.02
 """Standard deviation of ln of limits that are taken from another finish's model."""
+
+_NOTHING = 0.01
+"""p_norm that is nothing: expected beyond the window."""
 
 _MANY = 20
 """So many rings tell the best p_norm by themselves."""
@@ -84,7 +87,7 @@ def fit_window(
     p = frame["p_norm"].to_numpy()
     light = model.formula.light(data.rings, model.sensor)
     relative, lit = ring_shape(model, data.rings, light)
-    place = quadratic(data.rings.positions)
+    place, where = quadratic(data.rings.positions), place_and_size(data.rings)
     base = data.log_radiance[ring] + np.log(frame["exposure_ms"].to_numpy())
     high = base[:, None] + (relative + (place @ offset_max)[:, None])[ring]
     low = base[:, None] + (relative + (place @ offset_mod)[:, None])[ring]
@@ -110,14 +113,16 @@ def fit_window(
             [*limits, *(each or old for each, old in zip(widths, kept, strict=True)), *shifts]
         )
         theta = np.append(prior[:, 0], math.log(known.scatter))
-        best = place @ known.best
+        best = where @ known.best
     for _ in range(2):
         theta, unsure = _climb(theta, np.minimum(p / best[ring], 1.0), high, low, weight, prior)
-        quality = _best(theta, p, ring, high, low, weight, place)
+        quality = _best(theta, p, ring, high, low, weight, where)
         if start_from is not None and quality[3] < _MANY:
             quality = start_from.best, start_from.best_std, start_from.scatter, quality[3]
         coefficients, best_std, scatter, _ = quality
-        best = place @ coefficients
+        best = where @ coefficients
+    nothing = p[_response(theta, high, low, weight) < _NOTHING]
+    tail = float(np.quantile(nothing, 0.977)) if len(nothing) else 0.0
     return Window(
         log_low=float(theta[0]),
         log_high=float(theta[1]),
@@ -129,6 +134,7 @@ def fit_window(
         offset_max=offset_max,
         offset_mod=offset_mod,
         scatter=max(scatter, float(np.exp(theta[6]))),
+        tail=max(tail, start_from.tail if start_from else 0.0),
         best=coefficients,
         best_std=best_std,
     )
@@ -158,7 +164,7 @@ def _best(
     within = (_response(theta, high, low, weight) > 0.995 * lit) & (lit > 0.5)
     count = np.bincount(ring[within], minlength=len(place))
     rings = count > 0
-    coefficients: FloatArray = np.zeros(10)
+    coefficients: FloatArray = np.zeros(place.shape[1])
     coefficients[0] = 1.0
     if not rings.any():
         return coefficients, 0.01, 0.01, 0

@@ -187,15 +187,20 @@ class WindowModel(Predictor):
         points = self.window.points(learnt, rings, prediction.light)
         finish = self.radiance.origin.contradictions(frame).get("finish", "")
         dark = points.weight.sum(axis=1) < 0.5
+        # where a capture would show the ring well, as far as is known
+        telling_ms = _WELL_LIT * np.exp(-prediction.mean)
         unknown = tuple(
             finish
             or ("outside the light of the projector, or out of a camera's frame" if unlit else "")
             or (
-                f"{far:.1f} length scales from anything learnt; a capture of this view would tell"
+                f"{far:.1f} length scales from anything learnt; a capture of this view at about "
+                f"{time:.3g} ms would tell most"
                 if far > FAR
                 else ""
             )
-            for far, unlit in zip(prediction.distance.tolist(), dark.tolist(), strict=True)
+            for far, unlit, time in zip(
+                prediction.distance.tolist(), dark.tolist(), telling_ms.tolist(), strict=True
+            )
         )
         return RingForecast(
             features=rings.features,
@@ -304,6 +309,9 @@ class WindowModel(Predictor):
         radiance = RadianceModel.from_document(of_radiance, inner, arrays)
         return cls(**common, radiance=radiance, window=window, n_rows=content["n_rows"])
 
+
+_WELL_LIT = 60.0
+"""Grey levels above black at which a ring neither clips nor is dark."""
 
 _LEAST_RINGS = 3
 """Fewer rings leave nothing to learn a band from."""
