@@ -165,7 +165,8 @@ class Table:
         ]
 
     def __str__(self) -> str:
-        rows = [tuple(column.heading for column in self.columns), *self.cells()]
+        headings = tuple(column.heading.replace("\n", " ") for column in self.columns)
+        rows = [headings, *self.cells()]
         widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
         left = [self.is_text(column) for column in self.columns]
         return "\n".join(

@@ -1,4 +1,4 @@
-"""A sensor's two models: trained, judged, kept and asked together."""
+"""A sensor's two models of the paper: trained, judged, kept and asked together."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from exposight.cell import Feature, Part, sensor_preset
 from exposight.errors import InputError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.models import evaluate, model_named, save_model
-from exposight.observing import Observation, ObservationTable, view_features
+from exposight.observing import Observation, ObservationTable, View
 from exposight.planning import SensorModels, train
 
 SENSOR = sensor_preset("comet-pro-ae")
@@ -46,9 +46,9 @@ def models():
 
 
 @pytest.fixture
-def views():
-    hole = Feature(name="f1", kind="hole", part_from_feature=RigidTransform(), radius_mm=5.0)
-    return view_features(Part(name="p", features=(hole,)), SENSOR, SENSOR.camera_from_tcp)
+def hole():
+    one = Feature(name="f1", kind="hole", part_from_feature=RigidTransform(), radius_mm=5.0)
+    return View.of(Part(name="p", features=(one,)), SENSOR, SENSOR.camera_from_tcp)
 
 
 def test_scores_are_those_of_each_model_and_print_as_a_table(models):
@@ -71,30 +71,30 @@ def test_exposure_times_in_another_unit_are_noticed(models):
     assert "they seem to be in s" in str(models.evaluate(seconds))
 
 
-def test_a_forecast_looks_at_settings_of_the_sensor(models, views):
-    forecast = models.forecast(views)
+def test_a_forecast_looks_at_settings_of_the_sensor(models, hole):
+    forecast = models.forecast(hole)
     low, high = models.exposure.target_range
     assert len(set(forecast.exposures_ms)) == len(forecast.exposures_ms) > 10
     assert forecast.exposures_ms[0] == pytest.approx(max(low, SENSOR.exposure.min_ms), abs=1.0)
     assert forecast.exposures_ms[-1] == pytest.approx(high, abs=1.0)
     assert all(SENSOR.nearest_exposure(each) == each for each in forecast.exposures_ms)
     assert forecast.p_norm[0, -1] > forecast.p_norm[0, 0]
-    assert models.forecast(views, [10.0]).exposures_ms == (10.0,)
+    assert models.forecast(hole, [10.0]).exposures_ms == (10.0,)
 
 
-def test_more_observations_are_learnt_without_a_new_fit(models, views):
+def test_more_observations_are_learnt_without_a_new_fit(models, hole):
     more = models.with_observations(observations(30, seed=3))
     assert more.quality.n_observations == models.quality.n_observations + 30
     assert more.exposure.n_observations > models.exposure.n_observations
     assert more.quality.hyperparameters() == models.quality.hyperparameters()
-    assert (more.forecast(views).p_norm != models.forecast(views).p_norm).any()
+    assert (more.forecast(hole).p_norm != models.forecast(hole).p_norm).any()
 
 
-def test_models_are_kept_and_come_back(models, views, tmp_path):
+def test_models_are_kept_and_come_back(models, hole, tmp_path):
     paths = models.save(tmp_path / "models")
     assert [path.name for path in paths] == ["q_k1.exposight-model", "e_k2.exposight-model"]
     again = SensorModels.load(tmp_path / "models")
-    np.testing.assert_array_equal(again.forecast(views).p_norm, models.forecast(views).p_norm)
+    np.testing.assert_array_equal(again.forecast(hole).p_norm, models.forecast(hole).p_norm)
     assert str(again) == str(models)
     assert str(models).splitlines()[1].split() == ["q_k1", "point-cloud", "quality", "i_avg", "60"]
 

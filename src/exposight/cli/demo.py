@@ -9,19 +9,16 @@ from cyclopts.types import NonNegativeInt
 
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
-from exposight.models import Evaluation, model_named
+from exposight.models import QUALITY, Evaluation
 from exposight.planning import ModelScores
 from exposight.plans import PLANS
 from exposight.report import (
-    EXPOSURE_MODEL,
-    QUALITY_MODEL,
     CampaignReport,
     DemonstrationSettings,
     run_demonstration,
 )
 from exposight.tables import Column, Table, number
 
-_QUICK_MODELS = ("q_k1", QUALITY_MODEL, "e_k1", EXPOSURE_MODEL)
 _QUICK_PLAN = "small"
 
 
@@ -55,10 +52,7 @@ def demo_command(
     """
     settings = DemonstrationSettings(seed=seed)
     if quick:
-        models = tuple(map(model_named, _QUICK_MODELS))
-        settings = DemonstrationSettings(
-            seed=seed, plan=PLANS[_QUICK_PLAN], models=models, restarts=1
-        )
+        settings = DemonstrationSettings(seed=seed, plan=PLANS[_QUICK_PLAN], restarts=1)
     file = Written.at(output / "report.html", "report")
     with progress_bars(kept_in=output) as progress:
         report = run_demonstration(output, settings, progress)
@@ -91,7 +85,7 @@ def demo_command(
         ),
         notes=("these numbers are the simulated cell's, not a real sensor's",),
         files=(file,),
-        next_step=f"info {output / 'models' / (QUALITY_MODEL + '.exposight-model')}",
+        next_step=f"info {output / 'models' / (QUALITY + '.exposight-model')}",
     )
 
 
@@ -103,27 +97,25 @@ def _scores(name: str, features: str, evaluations: tuple[Evaluation, ...]) -> Ta
 
 def _new_view(report: CampaignReport) -> Table:
     view, chosen = report.view, report.view.main
-    taken = None if view.forecast is None else view.forecast.taken
+    columns = [Column(name="feature"), Column(name="trained")]
+    rows = [{"feature": name, "trained": name not in report.unseen} for name in view.features]
+    for place, forecast in enumerate(view.forecasts):
+        taken, names = forecast.taken, ("predicted", "low", "high")
+        for name, label in zip(names, (f"by {forecast.quality}", "−2σ", "+2σ"), strict=True):
+            columns.append(Column(name=f"{name}_{forecast.quality}", label=label, decimals=2))
+        for i, row in enumerate(rows):
+            values = (taken.p_norm, taken.p_norm_low, taken.p_norm_high)
+            for name, of_all in zip(names, values, strict=True):
+                row[f"{name}_{forecast.quality}"] = float(of_all[i, chosen])
+            if place == 0:
+                row["chance"] = float(taken.chance[i, chosen])
+    columns.append(Column(name="measured_p_norm", label="measured", decimals=2))
+    for i, row in enumerate(rows):
+        row["measured_p_norm"] = float(view.p_norm[i, chosen])
     return Table.of(
         "new_view",
-        (
-            {
-                "feature": name,
-                "trained": name not in report.unseen,
-                "predicted_p_norm": float(taken.p_norm[i, chosen]),
-                "predicted_std": float(taken.p_norm_std[i, chosen]),
-                "measured_p_norm": float(view.p_norm[i, chosen]),
-            }
-            for i, name in enumerate(view.features)
-            if taken is not None
-        ),
-        (
-            Column(name="feature"),
-            Column(name="trained"),
-            Column(name="predicted_p_norm", label="predicted\np_norm", decimals=2),
-            Column(name="predicted_std", label="± 2σ", decimals=2, scale=2.0),
-            Column(name="measured_p_norm", label="measured\np_norm", decimals=2),
-        ),
+        rows,
+        tuple(columns),
         title=f"A new view: {number(view.exposures_ms[chosen])} ms was chosen by forecast, then "
         "taken",
     )

@@ -1,11 +1,12 @@
 """``exposight forecast``: the quality of every feature that a pose sees, over exposure time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import polars as pl
 from cyclopts import Group, Parameter
+from cyclopts.validators import Number
 
 from exposight.cell import Part, read_features, sensor_named_or_read
 from exposight.cli.app import UsageError
@@ -14,8 +15,14 @@ from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
 from exposight.files import write_durably
 from exposight.models import P_NORM_MIN
-from exposight.observing import Campaign, View, open_campaign, view_features
-from exposight.planning import Forecast, SensorModels
+from exposight.observing import (
+    Campaign,
+    ObservationTable,
+    View,
+    open_campaign,
+    read_observations,
+)
+from exposight.planning import LIKELY, Forecast, SensorModels
 from exposight.tables import Column, Table, number
 
 _FEW_TIMES = 8
@@ -70,8 +77,7 @@ class ViewOptions(PoseOptions):
             raise UsageError(msg)
         part = Part(name=self.features.stem, features=read_features(self.features))
         pose = self.camera_from_part()
-        sensor = sensor_named_or_read(self.sensor)
-        return View(view_features(part, sensor, pose))
+        return View.of(part, sensor_named_or_read(self.sensor), pose)
 
 
 _NO_VIEW = ViewOptions()
@@ -82,19 +88,25 @@ def forecast_command(
     exposures_ms: Annotated[
         tuple[float, ...] | None, Parameter("--exposures", metavar="MS...", consume_multiple=True)
     ] = None,
+    need: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = P_NORM_MIN,
+    trial: Annotated[Path | None, Parameter(metavar="TABLE|CAMPAIGN")] = None,
     csv: Annotated[Path | None, Parameter(alias="-o")] = None,
     picture: Path | None = None,
     options: ViewOptions = _NO_VIEW,
 ) -> Result:
     r"""Forecast the quality of every visible feature over exposure time.
 
-    A quality model and an exposure-time model predict p_norm ± 2σ of each feature that the sensor
-    sees from a pose, before anything is captured there. Rows outside the training data say so: do
-    not trust them.
+    Says of each feature that the sensor sees from a pose, before anything is captured there, which
+    p_norm to expect, in a 2σ band, with which chance it reaches what is needed, and which exposure
+    time serves most features. Features that the models do not know are named with the reason. One
+    image or capture of the view, taken at any exposure time, makes the forecast of the default
+    models surer.
 
     For example:
 
         exposight forecast models/ --campaign door --view middle-x1-y1
+
+        exposight forecast models/ --campaign door --view middle-x1-y1 --trial one-capture.csv
 
         exposight forecast models/ --sensor sensor.json --features features.csv \
           --robot-pose fanuc 12.5,-3,600,0,0,90 --exposures 5 10 20 --csv forecast.csv
@@ -102,20 +114,25 @@ def forecast_command(
     Parameters
     ----------
     models
-        Two model files, one for quality and one for exposure time, or the folder that holds them.
+        quality.exposight-model, two model files, one for quality and one for exposure time, or the
+        folder that holds them.
     exposures_ms
-        Exposure times, ms; settings of the sensor over the trained range by default.
+        Exposure times, ms; settings of the sensor from too short to too long by default.
+    need
+        Quality that is asked for, p_norm.
+    trial
+        Observations of this view, .csv or .parquet, or a campaign with captures of it.
     csv
         Write a row for each feature and exposure time to this CSV file.
     picture
-        Draw p_norm ± 2σ over exposure time, a panel for each feature: .png or .svg.
+        Draw p_norm and its band over exposure time, a panel for each feature: .png or .svg.
     """
     sensor_models = SensorModels.load(*models)
     if picture is not None and picture.suffix.lower() not in {".png", ".svg"}:
         msg = f"--picture writes PNG or SVG; got the name {picture.name}"
         raise UsageError(msg)
     files = tuple(
-        Written.at(path, kind, inputs=models)
+        Written.at(path, kind, inputs=(*models, trial))
         for path, kind in ((csv, "forecast"), (picture, "picture"))
         if path is not None
     )
@@ -124,7 +141,8 @@ def forecast_command(
         reasons = {feature.visibility.value for feature in view.features}
         msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
         raise InputError(msg)
-    forecast = sensor_models.forecast(view, exposures_ms)
+    observed = None if trial is None else _trial(trial)
+    forecast = sensor_models.forecast(view, exposures_ms, trial=observed, need=need)
     if csv is not None:
         forecast.write(csv)
     if picture is not None:
@@ -132,32 +150,36 @@ def forecast_command(
 
         still = forecast_picture(forecast)
         write_durably(picture, still.png if picture.suffix.lower() == ".png" else still.svg)
-    best_ms = forecast.best_exposure_ms()
+    best_ms, times = forecast.best_exposure_ms(), forecast.exposures_ms
     hidden = [seen.feature.name for seen in view.features if seen not in view.visible]
-    outside = forecast.frame.filter(~pl.col("inside"))["feature"].unique().to_list()
     notes = [f"not visible: {', '.join(hidden)}"] if hidden else []
-    if outside:
-        notes.append(f"partly outside the training data: {', '.join(sorted(outside))}")
+    sources = ", ".join(dict.fromkeys(forecast.source))
     return Result(
         title=f"Forecast by {sensor_models.quality.name} and {sensor_models.exposure.name}",
         facts=(
+            fact("best_exposure_ms", best_ms, f"{number(best_ms)}, {forecast.verdict}"),
             fact("visible_features", len(forecast.features)),
+            fact("need", need, ""),
             fact(
-                "exposures_ms",
-                forecast.exposures_ms,
-                f"{len(forecast.exposures_ms)}, {number(min(forecast.exposures_ms))} to "
-                f"{number(max(forecast.exposures_ms))}",
+                "exposures_ms", times, f"{len(times)}, {number(min(times))} to {number(max(times))}"
             ),
-            fact("best_exposure_ms", best_ms, f"{number(best_ms)}, highest mean p_norm"),
+            fact("rests_on", forecast.source, sources),
         ),
         tables=(
-            forecast.table,
+            replace(forecast.table, title="The features at that exposure time"),
             _over_time(forecast),
             Table(name="forecast", frame=forecast.frame, columns=(), shown_rows=0),
         ),
-        notes=tuple(notes),
+        notes=(*notes, *forecast.notes),
         files=files,
     )
+
+
+def _trial(path: Path) -> ObservationTable:
+    """Return what a table or a campaign shows of a view."""
+    if (path / "campaign.json").is_file():
+        return open_campaign(path).observe()
+    return read_observations(path)
 
 
 def _view_named(campaign: Campaign, name: str) -> View:
@@ -165,7 +187,7 @@ def _view_named(campaign: Campaign, name: str) -> View:
     names = []
     for capture in campaign.captures():
         if capture.view == name:
-            return campaign.view(capture.camera_from_part)
+            return campaign.view(capture.camera_from_part, name)
         names.append(capture.view)
     msg = f"{campaign.name}: no view '{name}'{did_you_mean(name, names)}"
     raise InputError(msg)
@@ -181,13 +203,18 @@ def _over_time(forecast: Forecast) -> Table:
         .agg(
             pl.col("p_norm").mean().alias("mean_p_norm"),
             pl.col("p_norm").min().alias("least_p_norm"),
-            (pl.col("p_norm") >= P_NORM_MIN).sum().alias("good_features"),
+            (pl.col("chance") >= LIKELY).sum().alias("likely_features"),
+            pl.col("chance").sum().alias("expected_features"),
         )
     )
     columns = (
         Column(name="exposure_ms", digits=4),
         Column(name="mean_p_norm", label="mean\np_norm", decimals=2),
         Column(name="least_p_norm", label="least\np_norm", decimals=2),
-        Column(name="good_features", label=f"features\n≥ {P_NORM_MIN:g}"),
+        Column(
+            name="likely_features", label=f"features with a chance\nof {100 * LIKELY:g} % or more"
+        ),
+        Column(name="expected_features", label="expected\nnumber", decimals=1),
     )
-    return Table(name="over_time", frame=frame, columns=columns, title="All features together")
+    title = f"All features together; how many reach {forecast.need:g}"
+    return Table(name="over_time", frame=frame, columns=columns, title=title)

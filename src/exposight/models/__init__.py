@@ -3,16 +3,18 @@
 from exposight.models.evaluation import Evaluation, evaluate, unit_remarks
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.model_file import MODEL_SUFFIX, is_model_file, load_model, save_model
+from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,
-    Prediction,
     Predictor,
     Provenance,
     input_array,
     register_predictor,
 )
 from exposight.models.proposals import propose_captures
-from exposight.models.radiance_model import RadianceModel
+from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
+from exposight.models.radiance_search import MeanKind
+from exposight.models.ring_forecast import RingForecast, best_exposure
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,
     I_AVG_MIN,

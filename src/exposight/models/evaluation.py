@@ -8,7 +8,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
-from exposight.models.predictor import Prediction, Predictor
+from exposight.models.prediction import Prediction
+from exposight.models.predictor import Predictor
 from exposight.observing import ObservationTable
 from exposight.statistics import RegressionScore, score
 from exposight.tables import number

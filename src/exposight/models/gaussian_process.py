@@ -17,6 +17,7 @@ from exposight.files import validate
 from exposight.gp import Committee, GaussianProcess, Parameter, kernel_from_dict
 from exposight.gp.observations import read_only
 from exposight.models import predictor
+from exposight.models.prediction import Prediction
 from exposight.models.specification import ModelSpecification, TargetScale
 from exposight.observing import ObservationTable
 from exposight.quantities import quantity
@@ -97,19 +98,19 @@ class GaussianProcessModel(predictor.Predictor):
             target_scale=self.target_scale,
         )
 
-    def predict_frame(self, frame: pl.DataFrame) -> predictor.Prediction:
+    def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame whose columns are `inputs`, in their order."""
         x = predictor.input_array(self.name, frame)
         inside = inside_box(self.process.x, x)
         of_process = self.process.predict(x, include_noise=True)
         mean, std = of_process.mean, of_process.std
         if self.target_scale == "linear":
-            return predictor.Prediction(mean=mean, std=std, inside=inside)
+            return Prediction(mean=mean, std=std, inside=inside)
         # the log-normal distribution's moments, endless where the process knows next to nothing
         with np.errstate(over="ignore"):
             median, spread = np.exp(mean), np.expm1(std**2)
             mean_of_target = median * np.sqrt(1.0 + spread)
-            return predictor.Prediction(
+            return Prediction(
                 mean=mean_of_target,
                 std=mean_of_target * np.sqrt(spread),
                 inside=inside,

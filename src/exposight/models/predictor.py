@@ -22,39 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from exposight import __version__
 from exposight.cell import GREY_MAX, ActiveSensor
 from exposight.errors import InputError, ObservationError, did_you_mean
+from exposight.models.prediction import Prediction
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
 from exposight.tables import Column, Table
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
-    """What a model predicts for n rows.
-
-    Parameters
-    ----------
-    mean : (n,) ndarray
-        In the target's unit.
-    std : (n,) ndarray
-        Standard deviation of a new observation, measurement noise included.
-    inside : (n,) ndarray of bool
-        Whether the inputs lie in the range of the training data. Outside, the model
-        extrapolates, and the paper's test features show how far off it then may be (Table 3).
-    low, high : (n,) ndarray, optional
-        Quantiles of 2.3 % and 97.7 % of a new observation, in the target's unit; mean ± 2 std if
-        left out, and never None afterwards.
-    """
-
-    mean: NDArray[np.float64]
-    std: NDArray[np.float64]
-    inside: NDArray[np.bool_]
-    low: NDArray[np.float64] = None  # type: ignore[assignment]  # `__post_init__` replaces it
-    high: NDArray[np.float64] = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        for name, side in (("low", -2.0), ("high", 2.0)):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, self.mean + side * self.std)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +73,8 @@ class Provenance:
         Seed of the training, where it is random.
     exposight_version : str
         The program that trained it.
+    features : tuple of str
+        Features that it was trained on; empty where that is not known.
     """
 
     observations: str
@@ -109,6 +82,7 @@ class Provenance:
     emulated: bool
     seed: int | None
     exposight_version: str
+    features: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -126,6 +100,7 @@ class Provenance:
             emulated=bool(table.frame["emulated"].any()),
             seed=seed,
             exposight_version=__version__,
+            features=tuple(dict.fromkeys(table.frame["feature"].to_list())),
         )
 
 
@@ -188,6 +163,35 @@ class Predictor(ABC):
         ObservationError
             If an input is missing, has no value in some row, or has one that cannot be.
         """
+        return self.predict_frame(self._inputs(data, columns))
+
+    def quantiles(
+        self, data: ObservationTable | pl.DataFrame, levels: Sequence[float]
+    ) -> NDArray[np.float64]:
+        """Return quantiles of new observations, (len(levels), n)."""
+        return self.predict(data).quantiles(levels)
+
+    def chance(self, data: ObservationTable | pl.DataFrame, need: float) -> NDArray[np.float64]:
+        """Return the chance that new observations are at least `need`, (n,)."""
+        return self.predict(data).chance(need)
+
+    def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
+        """Say for each row why its prediction should not be relied on; empty where it may be."""
+        frame = self._inputs(data, {})
+        inside, ranges = self.predict_frame(frame).inside, self.training_range
+        reasons = [""] * frame.height
+        for row in np.flatnonzero(~inside).tolist():
+            values = frame.row(row, named=True)
+            beyond = [
+                name for name, (low, high) in ranges.items() if not low <= values[name] <= high
+            ]
+            reasons[row] = f"{', '.join(beyond)} outside the training data".lstrip()
+        return tuple(reasons)
+
+    def _inputs(
+        self, data: ObservationTable | pl.DataFrame | None, columns: Mapping[str, ArrayLike]
+    ) -> pl.DataFrame:
+        """Return the columns that the model reads, `inputs` first."""
         if data is None:
             frame = _frame_of(self.name, (*self.inputs, *self.optional_inputs), columns)
         elif columns:
@@ -209,7 +213,7 @@ class Predictor(ABC):
             )
             raise ObservationError(msg)
         further = [name for name in self.optional_inputs if name in frame.columns]
-        return self.predict_frame(frame.select(*self.inputs, *further))
+        return frame.select(*self.inputs, *further)
 
     @abstractmethod
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
@@ -237,6 +241,11 @@ class Predictor(ABC):
     def n_observations(self) -> int | None:
         """Number of training observations, where that is known."""
         return None
+
+    @property
+    def features(self) -> tuple[str, ...] | None:
+        """Names of the features that it has learnt from; None where that is not known."""
+        return self.provenance.features or None
 
     @property
     def training_range(self) -> dict[str, tuple[float, float]]:

@@ -14,9 +14,9 @@ from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.gp import GaussianProcess, kernel_from_dict
 from exposight.models.log_radiance import Formula, LogRadiance
+from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,
-    Prediction,
     Predictor,
     input_array,
     register_predictor,
@@ -47,6 +47,16 @@ _POOR = 0.15
 
 CHUNK = 100
 """Rings that are forecast at once."""
+
+
+def far_away(distance: float, telling_ms: float | None = None) -> str:
+    """Say that nothing was learnt near a ring, and what capture would help; else nothing."""
+    if distance <= FAR:
+        return ""
+    at = "" if telling_ms is None else f" at about {telling_ms:.3g} ms"
+    return (
+        f"{distance:.1f} length scales from anything learnt; a capture of this view{at} would tell"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +172,14 @@ class RadianceModel(Predictor):
             high=high,
         )
 
+    def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
+        """Say for each row why its prediction should not be relied on; empty where it may be."""
+        frame = self._inputs(data, {})
+        finish = self.origin.contradictions(frame).get("finish", "")
+        rings, ring = self.rings(frame)
+        reasons = [finish or far_away(each) for each in self.radiance(rings)[2].tolist()]
+        return tuple(reasons[place] for place in ring)
+
     def radiance(self, rings: Rings) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return mean and standard deviation of ln radiance, and distance, of rings, (n,) each."""
         parts = []
@@ -275,6 +293,11 @@ class RadianceModel(Predictor):
     def n_observations(self) -> int:
         """Number of rings that were learnt from."""
         return len(self.learnt.process.y)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the features that it has learnt from."""
+        return self.learnt.features
 
     @property
     def training_range(self) -> dict[str, tuple[float, float]]:

@@ -256,10 +256,7 @@ class RingForecast:
 
         Of equally good ones the middle one, ms; rings that are not known do not count.
         """
-        chance = self.chance[self.knows] if self.knows.any() else self.chance
-        total = chance.sum(axis=0)
-        best = np.flatnonzero(total >= total.max() - 1e-6)
-        index = int(best[len(best) // 2])
+        index = best_exposure(self.chance, self.knows)
         return float(self.exposures_ms[index]), self.chance[:, index]
 
     @property
@@ -328,3 +325,20 @@ def _crossings(
         if j < g - 1:
             last[i] += step * (row[j] - need[i]) / (row[j] - row[j + 1])
     return first, last
+
+
+def best_exposure(chance: FloatArray, knows: NDArray[np.bool_]) -> int:
+    """Return the place of the exposure time with most rings expected to reach what is asked.
+
+    Of equally good ones the middle one.
+
+    Parameters
+    ----------
+    chance : (n, m) ndarray
+        Of n rings at m exposure times.
+    knows : (n,) ndarray of bool
+        Rings that count; all where none does.
+    """
+    total = (chance[knows] if knows.any() else chance).sum(axis=0)
+    best = np.flatnonzero(total >= total.max() - 1e-6)
+    return int(best[len(best) // 2])

@@ -14,9 +14,9 @@ from exposight.cell import PRESETS, ActiveSensor
 from exposight.errors import InputError, ObservationError
 from exposight.models.evaluation import check_rows
 from exposight.models.log_radiance import LogRadiance
+from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,
-    Prediction,
     Predictor,
     Provenance,
     input_array,
@@ -25,11 +25,11 @@ from exposight.models.predictor import (
 from exposight.models.radiance_model import (
     CHUNK,
     EXPOSURE,
-    FAR,
     P_NORM_NEED,
     QUALITY,
     Origin,
     RadianceModel,
+    far_away,
 )
 from exposight.models.radiance_search import MeanKind
 from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
@@ -99,13 +99,29 @@ class WindowModel(Predictor):
             high=high,
         )
 
-    def quantiles(self, frame: pl.DataFrame, levels: Sequence[float]) -> FloatArray:
-        """Return quantiles of p_norm, (len(levels), n), one row of `frame` each."""
+    def quantiles(
+        self, data: ObservationTable | pl.DataFrame, levels: Sequence[float]
+    ) -> FloatArray:
+        """Return quantiles of p_norm, (len(levels), n)."""
+        frame = self._inputs(data, {})
         return np.stack(self._by_row(frame, lambda forecast: tuple(map(forecast.quantile, levels))))
 
-    def chance(self, frame: pl.DataFrame, need: float = P_NORM_NEED) -> FloatArray:
+    def chance(
+        self, data: ObservationTable | pl.DataFrame, need: float = P_NORM_NEED
+    ) -> FloatArray:
         """Return the chance that p_norm reaches a value, (n,)."""
+        frame = self._inputs(data, {})
         return self._by_row(frame, lambda forecast: (forecast.chance_of(need),))[0]
+
+    def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
+        """Say for each row why its prediction should not be relied on; empty where it may be."""
+        frame = self._inputs(data, {})
+        rings, ring = self.radiance.rings(frame)
+        reasons: list[str] = []
+        for start in range(0, len(rings), CHUNK):
+            some = rings.take(range(start, min(start + CHUNK, len(rings))))
+            reasons += self._forecast(some, np.ones(1), P_NORM_NEED, frame).unknown
+        return tuple(reasons[place] for place in ring)
 
     def _by_row(self, frame: pl.DataFrame, read: Any) -> list[FloatArray]:
         rings, ring = self.radiance.rings(frame)
@@ -192,12 +208,7 @@ class WindowModel(Predictor):
         unknown = tuple(
             finish
             or ("outside the light of the projector, or out of a camera's frame" if unlit else "")
-            or (
-                f"{far:.1f} length scales from anything learnt; a capture of this view at about "
-                f"{time:.3g} ms would tell most"
-                if far > FAR
-                else ""
-            )
+            or far_away(far, time)
             for far, unlit, time in zip(
                 prediction.distance.tolist(), dark.tolist(), telling_ms.tolist(), strict=True
             )
@@ -226,6 +237,11 @@ class WindowModel(Predictor):
     def n_observations(self) -> int:
         """Number of rows that the limits were learnt from."""
         return self.n_rows
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the features that it has learnt from."""
+        return self.radiance.features
 
     @property
     def training_range(self) -> dict[str, tuple[float, float]]:

@@ -11,8 +11,10 @@ side, so that a cylinder needs only the slice beside it. Together they give the 
 testing every point would.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -108,16 +110,47 @@ class FeatureView:
         return dict(zip(_POSE_COLUMNS, values, strict=True))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """What a pose sees of a part: each of its features, also those that cannot be measured."""
+    """What a pose sees of a part: each of its features, also those that cannot be measured.
+
+    Parameters
+    ----------
+    features : tuple of FeatureView
+    name : str
+        The view's; empty where it has none yet.
+    shared : mapping of str to object
+        Columns of an observation table that sensor, part and pose decide for all features
+        (`shared_columns`).
+    """
 
     features: tuple[FeatureView, ...]
+    name: str = ""
+    shared: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, part: Part, sensor: ActiveSensor, camera_from_part: RigidTransform, *, name: str = ""
+    ) -> View:
+        """Return what a sensor sees of a part that stands at `camera_from_part`."""
+        return cls(
+            features=view_features(part, sensor, camera_from_part),
+            name=name,
+            shared=shared_columns(part, sensor, camera_from_part),
+        )
 
     @property
     def visible(self) -> tuple[FeatureView, ...]:
         """The features that can be measured from here."""
         return tuple(each for each in self.features if each.visibility is Visibility.VISIBLE)
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """Columns of an observation table for each visible feature: all that need no capture."""
+        return pose_columns(self.visible).with_columns(
+            pl.lit(self.name).alias("view"),
+            *(pl.lit(value).alias(name) for name, value in self.shared.items()),
+        )
 
     def _repr_html_(self) -> str:
         reasons = pl.Series("visibility", [each.visibility.value for each in self.features])
@@ -128,17 +161,36 @@ class View:
 
 
 def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
-    """Return the columns of an observation table that features' poses alone decide.
+    """Return the columns of an observation table that features and their poses alone decide.
 
-    A row for each feature: ``feature``, ``n_pixels``, and what `FeatureView.pose` has.
+    A row for each feature: ``feature``, ``finish``, ``n_pixels``, and what `FeatureView.pose` has.
     """
     schema = {
         "feature": pl.String,
+        "finish": pl.String,
         "n_pixels": pl.Int64,
         **dict.fromkeys(_POSE_COLUMNS, pl.Float64),
     }
-    rows = [(each.feature.name, each.n_pixels, *each.pose.values()) for each in features]
+    rows = [
+        (each.feature.name, each.feature.finish or None, each.n_pixels, *each.pose.values())
+        for each in features
+    ]
     return pl.DataFrame(rows, schema=schema, orient="row")
+
+
+def shared_columns(
+    part: Part, sensor: ActiveSensor, camera_from_part: RigidTransform
+) -> dict[str, Any]:
+    """Return the columns of an observation table that say of which sensor and part a view is."""
+    tcp = sensor.camera_from_tcp
+    numbers = (*tcp.translation_mm.tolist(), *tcp.to_fanuc_wpr())
+    turn_deg = (tcp.inverse() @ camera_from_part).to_fanuc_wpr()
+    return {
+        "sensor": sensor.name,
+        "part": part.name,
+        "tcp": " ".join(f"{number + 0.0:.6g}" for number in numbers),
+        **dict(zip(("part_w_deg", "part_p_deg", "part_r_deg"), turn_deg, strict=True)),
+    }
 
 
 def orientation_deg(

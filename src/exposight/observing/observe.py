@@ -85,24 +85,9 @@ class Observer:
         if capture.camera_from_part != self._pose:
             self._pose = capture.camera_from_part
             self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
-            self._shared = _shared_columns(self._part, self._sensor, self._pose)
+            self._shared = masks.shared_columns(self._part, self._sensor, self._pose)
         search = masks.point_search(capture.require_cloud(), self._sensor.camera)
         return observe_capture(capture, self._views, search, self._shared)
-
-
-def _shared_columns(
-    part: cell.Part, sensor: cell.ActiveSensor, camera_from_part: RigidTransform
-) -> dict[str, Any]:
-    """Return what all rows of a view say of sensor and part."""
-    tcp = sensor.camera_from_tcp
-    numbers = (*tcp.translation_mm.tolist(), *tcp.to_fanuc_wpr())
-    turn_deg = (tcp.inverse() @ camera_from_part).to_fanuc_wpr()
-    return {
-        "sensor": sensor.name,
-        "part": part.name,
-        "tcp": " ".join(f"{number + 0.0:.6g}" for number in numbers),
-        **dict(zip(("part_w_deg", "part_p_deg", "part_r_deg"), turn_deg, strict=True)),
-    }
 
 
 def observe_campaign(
@@ -309,9 +294,9 @@ class Campaign(cell.CampaignFolder):
         """Observe every feature in every capture (`observe_campaign`)."""
         return observe_campaign(self, tolerance, progress)
 
-    def view(self, camera_from_part: RigidTransform) -> masks.View:
+    def view(self, camera_from_part: RigidTransform, name: str = "") -> masks.View:
         """Return what the sensor sees of the part from a pose, measured or not."""
-        return masks.View(masks.view_features(self.part, self.sensor, camera_from_part))
+        return masks.View.of(self.part, self.sensor, camera_from_part, name=name)
 
     def _repr_html_(self) -> str:
         facts = (

@@ -1,41 +1,54 @@
-"""What two models say about a view before anything is taken there.
+"""What to expect of a view before anything is taken there, whichever models say it.
 
-The exposure-time model tells at which exposure time each feature reaches a wanted brightness. A
-camera is linear until it clips (EMVA 1288), so the brightness at any other time follows in
-proportion, and the quality model tells what to expect of it. This is not a plan yet: one exposure
-time is chosen for the view, and no pose is.
+The default models forecast rings by themselves (`exposight.models.RingForecast`). The paper's two
+are chained: the exposure-time model tells at which exposure time each feature reaches a wanted
+brightness; a camera is linear until it clips (EMVA 1288), so the brightness at any other time
+follows in proportion, and the quality model tells what to expect of it. This is not a plan yet: one
+exposure time is chosen for the view, and no pose is.
 """
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError
 from exposight.files import write_durably
-from exposight.models import Prediction, Predictor
-from exposight.observing import FeatureView, View, pose_columns
+from exposight.models import Predictor, RingForecast, best_exposure
 from exposight.quantities import QUANTITIES
-from exposight.tables import Column, Table, counted
+from exposight.tables import Column, Table, counted, number
 
-WANTED_I_AVG = 80.0
+WANTED_BRIGHTNESS = 80.0
 """Grey level, on the plateau of the paper's Fig. 10, which reaches from about 30 to about 120."""
+
+LIKELY = 0.9
+"""Chance from which a feature counts as one that reaches the quality that is needed."""
+
+_BAND = (0.023, 0.5, 0.977)
 
 _COLUMNS = (
     Column(name="feature"),
-    Column(name="i_avg", decimals=0),
     Column(name="p_norm", decimals=2),
     Column(name="p_norm_low", label="−2σ", decimals=2),
     Column(name="p_norm_high", label="+2σ", decimals=2),
-    Column(name="inside", label="inside training"),
+    Column(name="chance", label="chance\n%", decimals=0, scale=100.0),
+    Column(name="brightness", label="grey\nlevel", decimals=0),
+    Column(name="wanted_ms", label=f"{WANTED_BRIGHTNESS:g} at\nms", digits=3),
+    Column(name="wanted_ms_low", label="−2σ", digits=3),
+    Column(name="wanted_ms_high", label="+2σ", digits=3),
+    Column(name="known"),
 )
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-_MIDDLE = len(_NODES) // 2
+FloatArray: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,58 +61,103 @@ class Forecast:
         The n features.
     exposures_ms : tuple of float, ms
         The m exposure times.
-    wanted : Prediction
-        Exposure time in ms at which each feature has the brightness `WANTED_I_AVG`.
-    i_avg : (n, m) ndarray, grey levels 0–255
-        Brightness to expect.
+    wanted_ms : (n, 3) ndarray, ms
+        Exposure time at which each feature has the brightness `WANTED_BRIGHTNESS`: its median
+        between the lower and the upper end of its 2σ band, none below 0.
+    brightness : (n, m) ndarray, grey levels 0–255
+        Mean brightness of the ring to expect.
     p_norm : (n, m) ndarray
         Mean of the quality to expect.
-    p_norm_std : (n, m) ndarray
-        Its standard deviation, that of the brightness included.
-    inside : (n, m) ndarray of bool
-        Whether both models were trained on such inputs; elsewhere they extrapolate.
+    p_norm_low, p_norm_high : (n, m) ndarray
+        Its 2σ band, the brightness's uncertainty included.
+    chance : (n, m) ndarray
+        Chance that the quality reaches `need`.
+    need : float
+        Quality that is asked for.
+    unknown : tuple of str
+        Why a feature's forecast should not be relied on, and what would help; empty where it may.
+    source : tuple of str
+        What each feature's forecast rests on: "pose", or what a trial added to it.
+    remarks : tuple of str
+        What is odd about all of it.
+    rings : RingForecast or None
+        The default models' forecast, which knows windows of exposure times and draws them jointly.
     """
 
     features: tuple[str, ...]
     exposures_ms: tuple[float, ...]
-    wanted: Prediction
-    i_avg: NDArray[np.float64]
-    p_norm: NDArray[np.float64]
-    p_norm_std: NDArray[np.float64]
-    inside: NDArray[np.bool_]
+    wanted_ms: FloatArray
+    brightness: FloatArray
+    p_norm: FloatArray
+    p_norm_low: FloatArray
+    p_norm_high: FloatArray
+    chance: FloatArray
+    need: float
+    unknown: tuple[str, ...]
+    source: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+    rings: RingForecast | None = None
+
+    @classmethod
+    def of(cls, rings: RingForecast, features: Sequence[str]) -> Forecast:
+        """Return the forecast of one view's rings, with the names of their features."""
+        return cls(
+            features=tuple(features),
+            exposures_ms=tuple(rings.exposures_ms.tolist()),
+            wanted_ms=rings.exposure_ms(WANTED_BRIGHTNESS, _BAND),
+            brightness=np.minimum(rings.i_mean(), GREY_MAX),
+            p_norm=rings.p_norm,
+            p_norm_low=rings.low,
+            p_norm_high=rings.high,
+            chance=rings.chance,
+            need=rings.need,
+            unknown=rings.unknown,
+            source=rings.source,
+            remarks=rings.remarks,
+            rings=rings,
+        )
 
     @property
-    def p_norm_band(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean ± twice the standard deviation, within what p_norm can be; each (n, m)."""
-        scale = QUANTITIES["p_norm"]
-        low, high = self.p_norm - 2 * self.p_norm_std, self.p_norm + 2 * self.p_norm_std
-        return np.clip(low, scale.low, scale.high), np.clip(high, scale.low, scale.high)
+    def knows(self) -> NDArray[np.bool_]:
+        """Which features' forecasts may be relied on, (n,)."""
+        return np.array([not reason for reason in self.unknown], dtype=np.bool_)
 
     @property
     def frame(self) -> pl.DataFrame:
         """One row for each feature and exposure time.
 
-        Columns ``feature``, ``exposure_ms``, ``i_avg``, ``p_norm``, ``p_norm_std``, ``p_norm_low``
-        and ``p_norm_high`` (± 2σ, within 0 to 1), ``inside``.
+        Columns ``feature``, ``exposure_ms``, ``brightness``, ``p_norm``, ``p_norm_low`` and
+        ``p_norm_high`` (2σ band), ``chance``, ``known``, ``unknown`` (why), ``source``; and
+        ``wanted_ms``, ``wanted_ms_low``, ``wanted_ms_high``, the same at all times of a feature.
         """
         n, m = self.p_norm.shape
-        low, high = self.p_norm_band
+        over_time = ("brightness", "p_norm", "p_norm_low", "p_norm_high", "chance")
+        wanted = dict(
+            zip(("wanted_ms_low", "wanted_ms", "wanted_ms_high"), self.wanted_ms.T, strict=True)
+        )
         return pl.DataFrame(
             {
-                "feature": np.repeat(np.array(self.features, dtype=object), m).tolist(),
+                "feature": [name for name in self.features for _ in range(m)],
                 "exposure_ms": np.tile(self.exposures_ms, n),
-                "i_avg": self.i_avg.ravel(),
-                "p_norm": self.p_norm.ravel(),
-                "p_norm_std": self.p_norm_std.ravel(),
-                "p_norm_low": low.ravel(),
-                "p_norm_high": high.ravel(),
-                "inside": self.inside.ravel(),
+                **{name: getattr(self, name).ravel() for name in over_time},
+                "known": np.repeat(self.knows, m),
+                "unknown": [reason for reason in self.unknown for _ in range(m)],
+                "source": [source for source in self.source for _ in range(m)],
+                **{name: np.repeat(values, m) for name, values in wanted.items()},
             }
         )
 
     def best_exposure_ms(self) -> float:
-        """Return the exposure time with the highest mean of p_norm over all features, in ms."""
-        return self.exposures_ms[int(self.p_norm.mean(axis=0).argmax())]
+        """Return the exposure time at which most features are expected to reach `need`, in ms.
+
+        Features that are not known do not count, unless none is. Of equally good ones the middle
+        one.
+        """
+        return self.exposures_ms[self._best]
+
+    @property
+    def _best(self) -> int:
+        return best_exposure(self.chance, self.knows)
 
     def write(self, path: str | Path) -> None:
         """Write `frame` as a CSV file, durably."""
@@ -108,31 +166,61 @@ class Forecast:
     @property
     def table(self) -> Table:
         """The features at the best exposure time."""
-        best = self.best_exposure_ms()
+        best_ms = self.best_exposure_ms()
         return Table(
             name="at_best_exposure",
-            frame=self.frame.filter(pl.col("exposure_ms") == best),
+            frame=self.frame.filter(pl.col("exposure_ms") == best_ms),
             columns=_COLUMNS,
-            title=f"best exposure time for {counted(len(self.features), 'feature')}: {best:g} ms",
+            title=f"best exposure time for {counted(len(self.features), 'feature')}: "
+            f"{number(best_ms)} ms, {self.verdict}",
+        )
+
+    @property
+    def verdict(self) -> str:
+        """How many features reach `need` at the best exposure time, and which do not."""
+        chance = self.chance[:, self._best]
+        likely = int(np.count_nonzero((chance >= LIKELY) & self.knows))
+        others = [
+            f"{name} ({100 * each:.0f} %)"
+            for name, each, known in zip(self.features, chance, self.knows, strict=True)
+            if known and each < LIKELY
+        ]
+        return (
+            f"{likely} of {len(self.features)} features reach {self.need:g} with a chance of "
+            f"{100 * LIKELY:g} % or more"
+        ) + (f"; less likely: {', '.join(others)}" if others else "")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks, and which features are not known and why."""
+        reasons: dict[str, list[str]] = {}
+        for name, reason in zip(self.features, self.unknown, strict=True):
+            if reason:
+                reasons.setdefault(reason, []).append(name)
+        return (
+            *self.remarks,
+            *(f"not known: {', '.join(names)}: {reason}" for reason, names in reasons.items()),
         )
 
     def __str__(self) -> str:
-        return f"{self.table.title}\n{self.table}"
+        return "\n".join((self.table.title, str(self.table), *self.notes))
 
     def _repr_html_(self) -> str:
         return f"<p>{self.table.title}</p>{self.table._repr_html_()}"
 
 
-def forecast(
+def chained_forecast(
     quality: Predictor,
     exposure: Predictor,
-    view: View | Sequence[FeatureView],
+    poses: pl.DataFrame,
     exposures_ms: Sequence[float],
+    need: float,
 ) -> Forecast:
-    """Predict the quality of features in a view at some exposure times.
+    """Forecast by a quality and an exposure-time model, one after the other.
 
     The exposure-time model's uncertainty is carried on: the quality is averaged over the
-    brightness that the exposure time may lead to (Gauss–Hermite quadrature).
+    brightness that the exposure time may lead to (Gauss–Hermite quadrature). The chance is that of
+    a normal distribution.
 
     Parameters
     ----------
@@ -140,51 +228,77 @@ def forecast(
         Predicts p_norm, from brightness or pose or both.
     exposure : Predictor
         Predicts the exposure time in ms, from brightness and perhaps pose.
-    view : View or sequence of FeatureView
-        The features that the view sees; of a `View`, those that can be measured.
+    poses : polars.DataFrame
+        A row for each feature (`View.frame`).
     exposures_ms : sequence of float, ms
         Exposure times to look at.
+    need : float
+        Quality that is asked for.
 
     Raises
     ------
-    InputError
-        If there is no feature or no exposure time.
     ObservationError
         If a model reads what is only known of captures.
     """
-    features = view.visible if isinstance(view, View) else tuple(view)
-    if not len(features) or not len(exposures_ms):
-        msg = (
-            "a forecast needs at least one visible feature and one exposure time, got "
-            f"{len(features)} and {len(exposures_ms)}"
-        )
-        raise InputError(msg)
-    poses = pose_columns(features)
-    wanted = exposure.predict(poses.with_columns(i_avg=pl.lit(WANTED_I_AVG)))
+    grey = pl.lit(WANTED_BRIGHTNESS)
+    at_wanted = poses.with_columns(i_avg=grey, i_mean=grey)
+    wanted = exposure.predict(at_wanted)
     times_ms = np.asarray(exposures_ms, dtype=np.float64)
     shortest_ms = float(times_ms.min()) / 10  # the normal distribution knows no least time
     nodes_ms = np.maximum(wanted.mean[:, None] + wanted.std[:, None] * _NODES, shortest_ms)
     brightness = np.minimum(
-        WANTED_I_AVG * times_ms[:, None] / nodes_ms[:, None, :], GREY_MAX
+        WANTED_BRIGHTNESS * times_ms[:, None] / nodes_ms[:, None, :], GREY_MAX
     )  # (features, times, nodes)
     weights = _WEIGHTS / _WEIGHTS.sum()
-    repeated = poses[np.repeat(np.arange(len(features)), brightness[0].size)]
+    repeated = poses[np.repeat(np.arange(poses.height), brightness[0].size)]
+    levels = pl.Series("i_avg", brightness.ravel())
     predicted = quality.predict(
         repeated.with_columns(
-            pl.Series("i_avg", brightness.ravel()),
+            levels,
+            levels.alias("i_mean"),
             pl.Series("exposure_ms", np.broadcast_to(times_ms[:, None], brightness.shape).ravel()),
         )
     )
     mean, std = (values.reshape(brightness.shape) for values in (predicted.mean, predicted.std))
-    inside = predicted.inside.reshape(brightness.shape)[:, :, _MIDDLE]
     p_norm = mean @ weights
-    variance = (std**2 + mean**2) @ weights - p_norm**2
+    spread = np.sqrt(np.maximum((std**2 + mean**2) @ weights - p_norm**2, 0.0))
+    scale = QUANTITIES["p_norm"]
+    band = np.clip([p_norm - 2.0 * spread, p_norm + 2.0 * spread], scale.low, scale.high)
     return Forecast(
         features=tuple(poses["feature"].to_list()),
         exposures_ms=tuple(times_ms.tolist()),
-        wanted=wanted,
-        i_avg=brightness @ weights,
+        wanted_ms=np.maximum(wanted.quantiles(_BAND).T, 0.0),
+        brightness=brightness @ weights,
         p_norm=p_norm,
-        p_norm_std=np.sqrt(np.maximum(variance, 0.0)),
-        inside=inside & wanted.inside[:, None],
+        p_norm_low=band[0],
+        p_norm_high=band[1],
+        chance=ndtr((p_norm - need) / np.maximum(spread, 1e-9)),
+        need=need,
+        unknown=tuple(
+            of_exposure or of_quality
+            for of_exposure, of_quality in zip(
+                exposure.unknown(at_wanted),
+                quality.unknown(at_wanted.with_columns(exposure_ms=pl.Series(wanted.mean))),
+                strict=True,
+            )
+        ),
+        source=("pose",) * poses.height,
     )
+
+
+def check_forecast(poses: pl.DataFrame, exposures_ms: Sequence[float] | None) -> None:
+    """Check that there is something to forecast.
+
+    Raises
+    ------
+    InputError
+        If there is no feature or no exposure time above 0.
+    """
+    times = () if exposures_ms is None else tuple(exposures_ms)
+    if poses.height and (exposures_ms is None or (times and min(times) > 0.0)):
+        return
+    msg = (
+        "a forecast needs at least one visible feature and exposure times above 0 ms, got "
+        f"{counted(poses.height, 'feature')} and {', '.join(map(number, times)) or 'no time'}"
+    )
+    raise InputError(msg)

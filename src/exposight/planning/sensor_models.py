@@ -8,36 +8,44 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+import polars as pl
 
-from exposight.cell import ActiveSensor
+from exposight.cell import GREY_MAX, ActiveSensor
 from exposight.errors import InputError
 from exposight.files import make_folder
 from exposight.models import (
+    EXPOSURE,
     MODEL_SUFFIX,
+    P_NORM_MIN,
+    QUALITY,
     Evaluation,
+    MeanKind,
     ModelSpecification,
     Predictor,
+    RadianceModel,
+    RingForecast,
+    WindowModel,
     evaluate,
     load_model,
     model_named,
     save_model,
     train_all,
+    train_window,
 )
-from exposight.observing import FeatureView, ObservationTable, View
-from exposight.planning.forecasts import Forecast, forecast
+from exposight.observing import ObservationTable, View
+from exposight.planning.forecasts import Forecast, chained_forecast, check_forecast
 from exposight.quantities import quantity
-from exposight.tables import Column, Table
+from exposight.tables import Column, Table, counted
 from exposight.workers import Progress, ignore_progress
 
-DEFAULT_MODELS = ("q_k4", "e_k6")
-"""What `train` and ``exposight train`` train, and reports forecast with where they are at hand.
-
-The paper's best on features that nobody trained on (Sects. 3.3.6, 3.4.8), and so they are in the
-simulated cell and on the recorded skull (``docs/the-paper.md``, ``make bench NAME=real``).
-"""
+DEFAULT_MODELS = (QUALITY, EXPOSURE)
+"""What `train` and ``exposight train`` train, and reports forecast with where they are at hand."""
 
 _EXPOSURES = 61
 """Exposure times of a forecast, unless they are given."""
+
+_DARK, _BEYOND_FULL = 4.0, 2.0
+"""They reach from so many grey levels above black to so many times full scale."""
 
 _SCORES = (
     Column(name="model"),
@@ -96,22 +104,35 @@ class SensorModels:
     ----------
     quality : Predictor
         Predicts p_norm.
-    exposure : Predictor
-        Predicts the exposure time in ms that yields a wanted brightness.
+    exposure : Predictor, optional
+        Predicts the exposure time in ms that yields a wanted brightness; a `WindowModel` brings
+        its own.
 
     Raises
     ------
     InputError
-        If one of them predicts something else.
+        If one of them predicts something else, is missing, or is not the quality model's own.
     """
 
     quality: Predictor
-    exposure: Predictor
+    exposure: Predictor = None  # type: ignore[assignment]  # `__post_init__` replaces it
 
     def __post_init__(self) -> None:
+        if isinstance(self.quality, WindowModel):
+            radiance = self.quality.radiance
+            given: Predictor = self.exposure or radiance
+            if not isinstance(given, RadianceModel) or given.provenance != radiance.provenance:
+                msg = (
+                    f"{self.quality.name} was trained together with its exposure-time model and "
+                    f"forecasts with that one; got {given.name} beside it, trained on "
+                    f"{given.provenance.observations}: leave it out"
+                )
+                raise InputError(msg)
+            object.__setattr__(self, "exposure", radiance)
         for model, target in ((self.quality, "p_norm"), (self.exposure, "exposure_ms")):
-            if model.target != target:
-                msg = f"expected a model that predicts {target}, got {model.name} ({model.target})"
+            if model is None or model.target != target:
+                got = "none" if model is None else f"{model.name} ({model.target})"
+                msg = f"expected a model that predicts {target}, got {got}"
                 raise InputError(msg)
 
     @property
@@ -132,25 +153,76 @@ class SensorModels:
         )
 
     def forecast(
-        self, view: View | Sequence[FeatureView], exposures_ms: Sequence[float] | None = None
+        self,
+        view: View,
+        exposures_ms: Sequence[float] | None = None,
+        *,
+        trial: ObservationTable | None = None,
+        need: float = P_NORM_MIN,
     ) -> Forecast:
-        """Predict the quality of the features that a view sees, over exposure time (`forecast`).
+        """Predict the quality of the features that a view sees, over exposure time.
 
-        `Campaign.view` returns what a pose sees. Exposure times, in ms, are settings of the sensor
-        over the range that was trained on if they are left out.
+        Parameters
+        ----------
+        view : View
+            `Campaign.view` returns what a pose sees.
+        exposures_ms : sequence of float, optional, ms
+            Exposure times to look at; settings of the sensor from too short to too long for all
+            features by default, and for the paper's models over the range that was trained on.
+        trial : ObservationTable, optional
+            What one image or capture of this view shows, at any exposure time; it refines the
+            default models' forecast. A view without a name takes that of the trial.
+        need : float
+            Quality that is asked for.
+
+        Raises
+        ------
+        InputError
+            If no feature is visible, an exposure time is not above 0, the trial is of another pose,
+            or the models cannot use one.
+        ObservationError
+            If the view is of another sensor or TCP than was learnt, or the trial has no row of it.
         """
+        poses = view.frame
+        check_forecast(poses, exposures_ms)
+        if isinstance(self.quality, WindowModel):
+            if trial is not None and not view.name:
+                poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
+            times_ms = (1.0,) if exposures_ms is None else exposures_ms  # until rings are known
+            rings = self.quality.forecast(poses, times_ms, trial=trial, need=need)
+            if exposures_ms is None:
+                rings = rings.at(self._times_of(rings))
+            return Forecast.of(rings, poses["feature"].to_list())
+        if trial is not None:
+            msg = (
+                f"{self.quality.name} and {self.exposure.name} cannot learn from a trial capture; "
+                f"the default models, {' and '.join(DEFAULT_MODELS)}, can"
+            )
+            raise InputError(msg)
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
-        return forecast(self.quality, self.exposure, view, times_ms)
+        return chained_forecast(self.quality, self.exposure, poses, times_ms, need)
+
+    def _times_of(self, rings: RingForecast) -> tuple[float, ...]:
+        """Return settings from where the brightest feature is dark to where the darkest clips."""
+        low, high = (
+            rings.exposure_ms(grey, (0.5,))
+            for grey in (rings.black_level + _DARK, _BEYOND_FULL * GREY_MAX)
+        )
+        return self._settings(float(low.min()), float(high.max()))
 
     def _usual_exposures_ms(self) -> tuple[float, ...]:
         limits = self.exposure.target_range
         if limits is None:
             msg = f"{self.exposure.name} does not know its training range: give exposures_ms"
             raise InputError(msg)
+        return self._settings(*limits)
+
+    def _settings(self, low_ms: float, high_ms: float) -> tuple[float, ...]:
+        """Return exposure times between two in even steps of their logarithm."""
         if self.sensor is None:
-            return tuple(np.geomspace(*limits, _EXPOSURES).tolist())
+            return tuple(np.geomspace(low_ms, high_ms, _EXPOSURES).tolist())
         possible = self.sensor.exposure
-        low, high = np.clip(limits, possible.min_ms, possible.max_ms)
+        low, high = np.clip((low_ms, high_ms), possible.min_ms, possible.max_ms)
         times_ms = np.clip(np.geomspace(low, high, _EXPOSURES), low, high).tolist()
         return tuple(dict.fromkeys(map(self.sensor.nearest_exposure, times_ms)))
 
@@ -166,8 +238,10 @@ class SensorModels:
         NotPositiveDefiniteError
             If the observations leave a covariance matrix without a Cholesky factor.
         """
-        quality, exposure = (m.with_observations(table) for m in (self.quality, self.exposure))
-        return SensorModels(quality=quality, exposure=exposure)
+        quality = self.quality.with_observations(table)
+        if isinstance(quality, WindowModel):
+            return SensorModels(quality=quality)
+        return SensorModels(quality=quality, exposure=self.exposure.with_observations(table))
 
     def save(self, folder: str | Path) -> tuple[Path, Path]:
         """Write both models into a folder, made if it is not there, and return their files.
@@ -187,7 +261,9 @@ class SensorModels:
 
     @classmethod
     def load(cls, *paths: str | Path) -> SensorModels:
-        """Read two model files, or the folder that holds them.
+        """Read two model files, that of a window model alone, or the folder that holds them.
+
+        In a folder the default quality model goes before others.
 
         Raises
         ------
@@ -196,12 +272,15 @@ class SensorModels:
         FileError
             If a file cannot be read.
         """
-        files = [
-            file
-            for path in map(Path, paths)
-            for file in (sorted(path.glob(f"*{MODEL_SUFFIX}")) if path.is_dir() else (path,))
-        ]
-        quality, exposure = _one_of_each([load_model(file) for file in files])
+        files: list[Path] = []
+        for path in map(Path, paths):
+            default = path / f"{QUALITY}{MODEL_SUFFIX}"
+            of_folder = [default] if default.is_file() else sorted(path.glob(f"*{MODEL_SUFFIX}"))
+            files += of_folder if path.is_dir() else [path]
+        models = [load_model(file) for file in files]
+        if len(models) == 1 and isinstance(models[0], WindowModel):
+            return cls(quality=models[0])
+        quality, exposure = _one_of_each(models)
         return cls(quality=quality, exposure=exposure)
 
     @property
@@ -224,6 +303,17 @@ class SensorModels:
 
     def _repr_html_(self) -> str:
         return self.table._repr_html_()
+
+
+def _only_view(trial: ObservationTable) -> str:
+    names = trial.frame["view"].unique().sort().to_list()
+    if len(names) != 1:
+        msg = (
+            f"the trial is of {counted(len(names), 'view')} ({', '.join(names)}), and the view to "
+            "forecast has no name; name it, or give rows of one view"
+        )
+        raise InputError(msg)
+    return str(names[0])
 
 
 _Model = TypeVar("_Model", "Predictor", "ModelSpecification")
@@ -251,6 +341,8 @@ def train(
     restarts: int = 3,
     workers: int = 1,
     cluster: str | None = None,
+    mean: MeanKind | None = None,
+    start_from: WindowModel | None = None,
     progress: Progress = ignore_progress,
 ) -> SensorModels:
     """Train a quality model and an exposure-time model on observations of one sensor.
@@ -259,25 +351,40 @@ def train(
     ----------
     table : ObservationTable
     models : sequence of str or ModelSpecification
-        One that predicts p_norm and one that predicts the exposure time, in any order: names of
-        the paper's models, or one's own specifications.
+        The two default models, which are trained together; or one model that predicts p_norm and
+        one that predicts the exposure time: names of the paper's, or one's own specifications.
     seed : int
-        Random seed of the optimiser's restarts.
+        Random seed of the optimiser's restarts; the default models need none.
     sensor : ActiveSensor, optional
-        The sensor of the observations; kept in the models.
-    restarts : int
-        Starts of the optimiser.
-    workers, cluster, progress
-        As for `exposight.models.run_trainings`, and so are further errors. More than one worker
-        needs ``if __name__ == "__main__":`` around what a script does.
+        The sensor of the observations; kept in the models. The default models take the preset that
+        the table names if it is left out.
+    restarts, workers, cluster
+        Of the paper's models: starts of the optimiser, and as for `exposight.models.run_trainings`,
+        and so are further errors. More than one worker needs ``if __name__ == "__main__":`` around
+        what a script does.
+    mean, start_from
+        Of the default models: as for `exposight.models.train_window`.
+    progress : Progress
 
     Raises
     ------
     InputError
         If a model is unknown, or there is not one for each of quality and exposure time.
+    ObservationError
+        If the observations are too few, none was measured, or they are of several sensors or
+        finishes.
     """
+    if all(isinstance(each, str) and each in DEFAULT_MODELS for each in models):
+        progress("training models", 0, 1)
+        quality = train_window(table, sensor=sensor, mean=mean, start_from=start_from, seed=seed)
+        progress("training models", 1, 1)
+        return SensorModels(quality=quality)
     specifications = [model_named(each) if isinstance(each, str) else each for each in models]
-    quality, exposure = train_all(
+    if mean is not None or start_from is not None:
+        names = ", ".join(each.name for each in specifications)
+        msg = f"mean and start_from are of the default models, got them for {names}"
+        raise InputError(msg)
+    of_paper = train_all(
         _one_of_each(specifications),
         table,
         seed=seed,
@@ -287,4 +394,4 @@ def train(
         cluster=cluster,
         progress=progress,
     )
-    return SensorModels(quality=quality, exposure=exposure)
+    return SensorModels(quality=of_paper[0], exposure=of_paper[1])

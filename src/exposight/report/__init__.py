@@ -5,7 +5,7 @@ and the check of a simulated sensor.
 """
 
 from exposight.report.campaign_page import CampaignReport, campaign_report, write_campaign_report
-from exposight.report.campaign_summary import EXPOSURE_MODEL, QUALITY_MODEL, ModelResult
+from exposight.report.campaign_summary import ModelResult
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh

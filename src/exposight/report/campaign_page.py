@@ -10,7 +10,7 @@ from exposight.errors import InputError
 from exposight.files import make_folder, write_durably
 from exposight.models import P_NORM_MIN, Predictor, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
-from exposight.report import campaign_summary, model_figures, pictures
+from exposight.report import campaign_summary, model_figures, pictures, shown_view
 from exposight.report.palette import CLIPPED, NO_POINT, P_NORM_SCALE
 from exposight.report.part_plot import PartMesh, part_plot, read_part_mesh
 from exposight.report.rendering import render_page, rounded
@@ -57,7 +57,7 @@ class CampaignReport:
     lead: str
     table: ObservationTable
     summary: campaign_summary.CampaignSummary
-    view: campaign_summary.ShownView
+    view: shown_view.ShownView
     results: tuple[campaign_summary.ModelResult, ...] = ()
     unseen: frozenset[str] = frozenset()
     sensor: ActiveSensor | None = None
@@ -157,10 +157,8 @@ def campaign_report(
         msg = f"unseen features must be in the campaign, got {', '.join(sorted(unknown))}"
         raise InputError(msg)
     summary = campaign_summary.summarise(table)
-    view = campaign_summary.show_view(table, campaign=campaign)
-    forecasting = campaign_summary.forecasting_models(models)
-    if forecasting is not None:
-        view = campaign_summary.with_forecast(view, forecasting)
+    view = shown_view.show_view(table, campaign=campaign)
+    view = shown_view.with_forecasts(view, shown_view.forecasting_models(models))
     name = title or ("Observations" if campaign is None else campaign.name)
     sensor = None if campaign is None else campaign.sensor
     return CampaignReport(
@@ -242,7 +240,7 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _frames(view: campaign_summary.ShownView) -> list[pictures.Picture]:
+def _frames(view: shown_view.ShownView) -> list[pictures.Picture]:
     frames = []
     for index, capture in enumerate(view.captures):
         title = f"{capture.exposure_ms:.4g} ms" + (", emulated" if capture.emulated else "")
@@ -257,7 +255,7 @@ def _frames(view: campaign_summary.ShownView) -> list[pictures.Picture]:
     return frames
 
 
-def _close_ups(view: campaign_summary.ShownView, unseen: frozenset[str]) -> list[pictures.Picture]:
+def _close_ups(view: shown_view.ShownView, unseen: frozenset[str]) -> list[pictures.Picture]:
     """Show unseen features close by; without any, those that are measured worst."""
     worst = sorted(range(len(view.features)), key=lambda i: float(view.p_norm[i, view.main]))
     apart = [i for i, name in enumerate(view.features) if name in unseen]
@@ -271,8 +269,9 @@ def _close_ups(view: campaign_summary.ShownView, unseen: frozenset[str]) -> list
             if view.forecast is not None:
                 taken = view.forecast.taken
                 title += (
-                    f", {rounded(taken.p_norm[i, index], 2)} ± "
-                    f"{rounded(2 * taken.p_norm_std[i, index], 2)} predicted"
+                    f", {rounded(taken.p_norm[i, index], 2)} predicted (2σ: "
+                    f"{rounded(taken.p_norm_low[i, index], 2)} to "
+                    f"{rounded(taken.p_norm_high[i, index], 2)})"
                 )
             close = pictures.close_picture(pixels, view.views[i], float(view.p_norm[i, index]))
             tiles.append(pictures.picture(close, title, title, photo=False))

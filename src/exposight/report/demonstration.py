@@ -21,23 +21,18 @@ from exposight.models import (
     model_named,
     save_model,
     train_all,
+    train_window,
 )
-from exposight.observing import ObservationTable, Visibility, observe_campaign, view_features
-from exposight.planning import SensorModels
+from exposight.observing import ObservationTable, View, observe_campaign
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan
-from exposight.report import campaign_summary
+from exposight.report import campaign_summary, shown_view
 from exposight.report.campaign_page import CampaignReport, sensor_facts
 from exposight.report.part_plot import PartMesh
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers
 
-_MODELS = tuple(
-    map(
-        model_named,
-        ("q_k1", campaign_summary.QUALITY_MODEL, "e_k1", "e_k4", campaign_summary.EXPOSURE_MODEL),
-    )
-)
+_COMPARED = tuple(map(model_named, ("q_k1", "e_k6")))
 _UNSEEN_SUFFIX = "_test"  # as the door's test features are called
 _NEW_POSITION = DepthPlane(
     name="new",
@@ -68,9 +63,10 @@ class DemonstrationSettings:
     seed : int
         Random seed of noise, alignment errors and restarts.
     restarts : int
-        Starts of each model's optimiser; the paper took three.
-    models : tuple of ModelSpecification
-        Which ones are trained; `QUALITY_MODEL` and `EXPOSURE_MODEL` among them.
+        Starts of the compared models' optimiser; the paper took three.
+    compared : tuple of ModelSpecification
+        The paper's models that are trained beside the default ones and forecast the same view: at
+        least one for quality and one for exposure time.
     plan : MeasuringPlan
         The campaign. Its features whose names end in ``_test`` do not train.
     workers : int
@@ -79,13 +75,13 @@ class DemonstrationSettings:
     Raises
     ------
     InputError
-        If one of the two models is missing, no feature is left to train or to evaluate on, or
+        If no pair is compared, no feature is left to train or to evaluate on, or
         there is no restart or worker.
     """
 
     seed: int = 1
     restarts: int = 3
-    models: tuple[ModelSpecification, ...] = _MODELS
+    compared: tuple[ModelSpecification, ...] = _COMPARED
     plan: MeasuringPlan = PLANS["demo"]
     workers: int = usual_workers()
 
@@ -96,17 +92,11 @@ class DemonstrationSettings:
                 f"{self.restarts} and {self.workers}"
             )
             raise InputError(msg)
-        names = [model.name for model in self.models]
-        missing = [
-            name
-            for name in (campaign_summary.QUALITY_MODEL, campaign_summary.EXPOSURE_MODEL)
-            if name not in names
-        ]
-        if missing:
+        if {model.target for model in self.compared} != {"p_norm", "exposure_ms"}:
+            names = ", ".join(model.name for model in self.compared)
             msg = (
-                f"the demonstration needs the models {campaign_summary.QUALITY_MODEL} and "
-                f"{campaign_summary.EXPOSURE_MODEL}, got "
-                f"{', '.join(names) or 'none'}; add {' and '.join(missing)}"
+                "the demonstration compares a quality model and an exposure-time model, got "
+                f"{names or 'none'}; add the one that is missing"
             )
             raise InputError(msg)
         unseen = {name for name in self.plan.features if name.endswith(_UNSEEN_SUFFIX)}
@@ -167,16 +157,21 @@ def run_demonstration(
     table.write(folder / "observations.csv")
     unseen = frozenset(name for name in table.names("feature") if name.endswith(_UNSEEN_SUFFIX))
     known = table.where(~np.isin(table.names("feature"), list(unseen)))
-    models = train_all(
-        settings.models,
+    source = f"plan {plan.name!r} on the simulated cell"
+    progress("training the default models", 0, 1)
+    quality = train_window(known, sensor=campaign.sensor, source=source)
+    progress("training the default models", 1, 1)
+    compared = train_all(
+        settings.compared,
         known,
         seed=settings.seed,
-        source=f"plan {plan.name!r} on the simulated cell",
+        source=source,
         sensor=campaign.sensor,
         restarts=settings.restarts,
         workers=settings.workers,
         progress=progress,
     )
+    models: tuple[Predictor, ...] = (quality, quality.radiance, *compared)
     make_folder(folder / "models")
     for model in models:
         save_model(folder / "models" / f"{model.name}{MODEL_SUFFIX}", model)
@@ -222,36 +217,33 @@ def _new_view(
     campaign: CampaignFolder,
     models: tuple[Predictor, ...],
     progress: Progress,
-) -> campaign_summary.ShownView:
+) -> shown_view.ShownView:
     """Forecast the view at all exposure times, choose one, and only then take the view."""
     sensor, part = campaign.sensor, campaign.part
-    named = {model.name: model for model in models}
-    forecasting = SensorModels(
-        quality=named[campaign_summary.QUALITY_MODEL],
-        exposure=named[campaign_summary.EXPOSURE_MODEL],
-    )
+    pairs = shown_view.forecasting_models(models)
     progress("forecasting a new view", 0, 1)
     plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
     (planned,) = plan.views(part)
     pose = SimulatedCell.for_plan(plan).reported_pose(planned.camera_from_part, planned.name)
-    visible = tuple(
-        view for view in view_features(part, sensor, pose) if view.visibility is Visibility.VISIBLE
-    )
-    choice = forecasting.forecast(visible)
+    view = View.of(part, sensor, pose, name=planned.name)
+    choice = pairs[0].forecast(view)
     chosen_ms = choice.best_exposure_ms()
     exposures_ms = (
-        sensor.nearest_exposure(max(chosen_ms / campaign_summary.BRACKET, sensor.exposure.min_ms)),
+        sensor.nearest_exposure(max(chosen_ms / shown_view.BRACKET, sensor.exposure.min_ms)),
         chosen_ms,
-        sensor.nearest_exposure(min(chosen_ms * campaign_summary.BRACKET, sensor.exposure.max_ms)),
+        sensor.nearest_exposure(min(chosen_ms * shown_view.BRACKET, sensor.exposure.max_ms)),
     )
-    forecast = forecasting.forecast(visible, exposures_ms)
+    forecasts = [
+        (pair.forecast(view, choice.exposures_ms), pair.forecast(view, exposures_ms))
+        for pair in pairs
+    ]
     progress("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
     taken = _simulate(plan, folder, "taking the new view", progress)
-    view = campaign_summary.show_view(
+    shown = shown_view.show_view(
         observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken
     )
-    return campaign_summary.with_forecast(view, forecasting, (choice, forecast))
+    return shown_view.with_forecasts(shown, pairs, forecasts)
 
 
 def _report(
@@ -260,7 +252,7 @@ def _report(
     table: ObservationTable,
     models: tuple[Predictor, ...],
     unseen: frozenset[str],
-    view: campaign_summary.ShownView,
+    view: shown_view.ShownView,
 ) -> CampaignReport:
     plan, summary = settings.plan, campaign_summary.summarise(table)
     results = campaign_summary.evaluate_models(models, table, unseen)

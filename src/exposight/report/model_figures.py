@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from exposight.models import I_AVG_MIN, P_NORM_MIN, Evaluation
 from exposight.observing import ObservationTable
-from exposight.planning import Forecast
+from exposight.planning import DEFAULT_MODELS, Forecast
 from exposight.quantities import QUANTITIES, quantity
-from exposight.report import campaign_summary
+from exposight.report import campaign_summary, shown_view
 from exposight.report.figures import Plot, Still, axis, draw_still, label_panel, layout, plain_axes
 from exposight.report.palette import ACCENT, EXPOSURE_SCALE, INK, MUTED, OUTSIDE, P_NORM_SCALE, rgb
 from exposight.report.part_plot import feature_title
@@ -115,7 +115,7 @@ def brightness_still(
     return draw_still("brightness", "Quality over brightness", (8.2, 4.4), draw)
 
 
-def choice_plot(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Plot | None:
+def choice_plot(view: shown_view.ShownView, unseen: frozenset[str]) -> Plot | None:
     """Draw forecast quality over exposure time, and what was measured; None without a forecast."""
     if view.forecast is None:
         return None
@@ -136,21 +136,23 @@ def choice_plot(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Plo
             hovertemplate="%{y:.2f} at %{x:.4g} ms",
             showlegend=False,
         )
-    for x, y, name, style in (
-        (
-            choice.exposures_ms,
-            choice.p_norm.mean(axis=0),
-            "predicted, mean over features",
-            {"mode": "lines", "line": {"color": ACCENT, "width": 3.5}},
-        ),
-        (
-            view.exposures_ms,
-            np.nanmean(view.p_norm, axis=0),
-            "measured, mean over features",
-            {"mode": "markers", "marker": {"color": INK, "size": 11, "symbol": "diamond"}},
-        ),
-    ):
-        drawing.add_scatter(x=x, y=y, name=name, hovertemplate="%{y:.3f} at %{x:.4g} ms", **style)
+    for forecast, style in zip(view.forecasts, _MEANS, strict=False):
+        drawing.add_scatter(
+            x=forecast.choice.exposures_ms,
+            y=forecast.choice.p_norm.mean(axis=0),
+            name=f"predicted by {forecast.quality} and {forecast.exposure}, mean over features",
+            hovertemplate="%{y:.3f} at %{x:.4g} ms",
+            mode="lines",
+            line=style,
+        )
+    drawing.add_scatter(
+        x=view.exposures_ms,
+        y=np.nanmean(view.p_norm, axis=0),
+        name="measured, mean over features",
+        hovertemplate="%{y:.3f} at %{x:.4g} ms",
+        mode="markers",
+        marker={"color": INK, "size": 11, "symbol": "diamond"},
+    )
     best_ms = choice.best_exposure_ms()
     drawing.add_vline(x=best_ms, line={"color": MUTED, "width": 1, "dash": "dash"})
     drawing.update_layout(
@@ -162,28 +164,42 @@ def choice_plot(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Plo
     return Plot.of("choice", drawing)
 
 
-def forecast_still(view: campaign_summary.ShownView, unseen: frozenset[str]) -> Still | None:
+_MEANS = ({"color": ACCENT, "width": 3.5}, {"color": OUTSIDE, "width": 2, "dash": "dash"})
+"""How the mean of each pair of models is drawn."""
+
+_BANDS = ((ACCENT, "#7fb1bb", -0.16), (OUTSIDE, "#f2c89b", 0.16))
+"""Colours of dots and bands of each pair of models, and their place beside a feature's row."""
+
+
+def forecast_still(view: shown_view.ShownView, unseen: frozenset[str]) -> Still | None:
     """Draw predicted and measured p_norm of each feature of a view; None without a forecast."""
     if view.forecast is None:
         return None
-    taken, places = view.forecast.taken, np.arange(len(view.features))
+    places = np.arange(len(view.features))
     named = len(places) <= _NAMED
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(view.exposures_ms), sharex=True, sharey=True, squeeze=False)
         for index, axes in enumerate(panels[0]):
             order = places if named else np.argsort(view.p_norm[:, index])[::-1]
-            axes.errorbar(
-                taken.p_norm[order, index], places, xerr=2 * taken.p_norm_std[order, index],
-                fmt="o", color=ACCENT, ecolor="#7fb1bb", elinewidth=4 if named else 0.6,
-                markersize=5 if named else 2, label="predicted ± 2σ",
-            )  # fmt: skip
+            for forecast, (colour, band, aside) in zip(view.forecasts, _BANDS, strict=False):
+                taken = forecast.taken
+                middle, low, high = (
+                    values[order, index]
+                    for values in (taken.p_norm, taken.p_norm_low, taken.p_norm_high)
+                )
+                axes.errorbar(
+                    middle, places + aside * named, xerr=np.abs([middle - low, high - middle]),
+                    fmt="o", color=colour, ecolor=band, elinewidth=3.5 if named else 0.6,
+                    markersize=4 if named else 2,
+                    label=f"predicted by {forecast.quality} and {forecast.exposure}, 2σ band",
+                )  # fmt: skip
             axes.plot(
-                view.p_norm[order, index], places, "D", color=INK, markersize=5 if named else 2,
+                view.p_norm[order, index], places, "D", color=INK, markersize=4.5 if named else 2,
                 label="measured",
             )  # fmt: skip
             plain_axes(axes, QUANTITIES["p_norm"].axis_math, "")
-            axes.set_xlim(-0.7, 1.7)
+            axes.set_xlim(-0.06, 1.12)
             axes.set_xticks([0, 0.5, 1])
             label_panel(axes, f"{view.exposures_ms[index]:.4g} ms")
         axes.set_ylim(len(places) - 0.5, -0.5)
@@ -199,10 +215,10 @@ def forecast_still(view: campaign_summary.ShownView, unseen: frozenset[str]) -> 
 
 
 def forecast_picture(forecast: Forecast) -> Still:
-    """Draw p_norm ± 2σ of every feature over exposure time, in a panel of its own."""
+    """Draw p_norm and its 2σ band over exposure time, each feature in a panel of its own."""
     columns = min(_PANELS, len(forecast.features))
     rows = -(-len(forecast.features) // columns)
-    low, high = forecast.p_norm_band
+    low, high = forecast.p_norm_low, forecast.p_norm_high
     times = forecast.exposures_ms
     ticks = [tick for tick in _TICKS_MS if min(times) <= tick <= max(times)]
     ticks = ticks[:: max(1, -(-len(ticks) // _PANELS))]
@@ -216,6 +232,7 @@ def forecast_picture(forecast: Forecast) -> Still:
                 continue
             axes.fill_between(times, low[i], high[i], color="#cfe1e5", lw=0)
             axes.plot(times, forecast.p_norm[i], color=ACCENT)
+            axes.axhline(forecast.need, color=MUTED, linewidth=0.8, linestyle=":")
             lowest, first = i >= len(forecast.features) - columns, i % columns == 0
             plain_axes(axes, time.axis_math * lowest, good.axis_math * first)
             axes.set(xscale="log", ylim=(-0.05, 1.1), title=forecast.features[i])
@@ -232,14 +249,7 @@ def prediction_plot(results: Sequence[campaign_summary.ModelResult], target: str
     if not results:
         return None
     names = [result.name for result in results]
-    chosen = next(
-        (
-            name
-            for name in (campaign_summary.QUALITY_MODEL, campaign_summary.EXPOSURE_MODEL)
-            if name in names
-        ),
-        names[-1],
-    )
+    chosen = next((name for name in DEFAULT_MODELS if name in names), names[-1])
     shown = quantity(target)
     drawing = go.Figure()
     observed = np.concatenate([result.evaluation.observed for result in results])
@@ -280,12 +290,14 @@ def _add_predictions(
     red, green, blue = rgb(colour)
     rows = evaluation.table.where(mask)
     exposures = rows.array(["exposure_ms"])[:, 0]
+    least = quantity(evaluation.model.target).low
+    low = np.maximum(prediction.low, -np.inf if least is None else least)
     drawing.add_scatter(
         x=evaluation.observed[mask].astype(np.float32),
         y=prediction.mean[mask].astype(np.float32),
         error_y={
             "array": (prediction.high - prediction.mean)[mask].astype(np.float32),
-            "arrayminus": (prediction.mean - prediction.low)[mask].astype(np.float32),
+            "arrayminus": np.maximum(prediction.mean - low, 0.0)[mask].astype(np.float32),
             "thickness": 0.8,
             "width": 0,
             "color": f"rgba({red},{green},{blue},0.2)",

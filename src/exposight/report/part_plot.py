@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from exposight.errors import FormatError, MissingFileError
 from exposight.geometry import RigidTransform
-from exposight.report.campaign_summary import ShownView
 from exposight.report.figures import Plot, coordinates, layout, scene
 from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
 from exposight.report.pictures import brighten
+from exposight.report.shown_view import ShownView
 
 _GREYS = [[0.0, "#5d646c"], [1.0, "#eceef0"]]
 _CLOUD_GREYS = [[0.0, "rgb(30,33,38)"], [1.0, "rgb(235,235,235)"]]
@@ -351,8 +351,8 @@ def _hints(view: ShownView, index: int, unseen: frozenset[str]) -> list[str]:
         if view.forecast is not None:
             taken = view.forecast.taken
             lines.append(
-                f"predicted p<sub>norm</sub> {taken.p_norm[i, index]:.2f} ± "
-                f"{2 * taken.p_norm_std[i, index]:.2f} (2σ)"
+                f"predicted p<sub>norm</sub> {taken.p_norm[i, index]:.2f} (2σ: "
+                f"{taken.p_norm_low[i, index]:.2f} to {taken.p_norm_high[i, index]:.2f})"
             )
         measured = view.p_norm[i, index]
         shown = "–" if np.isnan(measured) else f"{measured:.2f}"
