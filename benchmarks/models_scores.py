@@ -1,7 +1,7 @@
 """Scores of predicted quality, and what the paper's chain of two models predicts of the same rows.
 
 Both kinds of prediction are brought into one form: mean, quantiles, band, and the chance that
-p_norm reaches 0.75. The chain is that of `exposight.planning.forecast`: the exposure-time model
+p_norm reaches 0.75. The chain is `exposight.planning.chained_forecast`: the exposure-time model
 says at which time a ring has 80 grey levels, brightness follows in proportion, and the quality
 model is averaged over the brightness that this may give. In proportion to what is above the black
 level, too, which that forecast does not know: the better of both stands for the paper.
@@ -23,7 +23,7 @@ from exposight.cell import GREY_MAX, ActiveSensor
 from exposight.models import GaussianProcessModel, Training, WindowModel, model_named
 from exposight.observing import ObservationTable
 from exposight.paper.kept_models import table_checksum, train_or_read
-from exposight.planning.forecasts import WANTED_I_AVG
+from exposight.planning.forecasts import WANTED_BRIGHTNESS
 from exposight.twin.sensors import CameraElectronics
 from exposight.workers import ignore_progress
 
@@ -184,7 +184,7 @@ class PaperModels:
         rings = frame.select("view", "feature", *_POSE).unique(
             ["view", "feature"], maintain_order=True
         )
-        wanted = self.models["e_k6"].predict(rings.with_columns(i_avg=pl.lit(WANTED_I_AVG)))
+        wanted = self.models["e_k6"].predict(rings.with_columns(i_avg=pl.lit(WANTED_BRIGHTNESS)))
         rings = rings.select("view", "feature").with_columns(
             pl.Series("mean", wanted.mean), pl.Series("std", wanted.std)
         )
@@ -195,7 +195,7 @@ class PaperModels:
         exposure_ms = rows.array(["exposure_ms"])
         nodes_ms = mean_ms[:, None] + std_ms[:, None] * _NODES
         nodes_ms = np.maximum(nodes_ms, exposure_ms.min() / 10.0)
-        brightness = black_level + (WANTED_I_AVG - black_level) * exposure_ms / nodes_ms
+        brightness = black_level + (WANTED_BRIGHTNESS - black_level) * exposure_ms / nodes_ms
         brightness = np.minimum(brightness, GREY_MAX)
         parts = [
             self._averaged(quality, frame[start : start + _CHUNK], brightness[start:][:_CHUNK])

@@ -92,10 +92,11 @@ def test_the_table_of_features_is_the_summarys(report, read_page):
 def test_the_table_of_the_forecast_is_the_views(report, read_page):
     view, taken = report.view, report.view.forecast.taken
     for i, row in enumerate(read_page.rows["forecast-table"][2:]):
-        expected = [view.radii_mm[i], taken.wanted.mean[i], 2 * taken.wanted.std[i]]
+        expected = [view.radii_mm[i], *taken.wanted_ms[i, [1, 0, 2]]]
         for k in range(3):
-            expected += [taken.p_norm[i, k], 2 * taken.p_norm_std[i, k], view.p_norm[i, k]]
-        expected += [taken.i_avg[i, view.main], view.i_avg[i, view.main]]
+            expected += [taken.p_norm[i, k], taken.p_norm_low[i, k], taken.p_norm_high[i, k]]
+            expected += [taken.chance[i, k], view.p_norm[i, k]]
+        expected += [taken.brightness[i, view.main], view.i_avg[i, view.main]]
         assert [cell["value"] for cell in row[2:]] == expected
 
 

@@ -60,7 +60,7 @@ def test_the_menu_has_every_choice_and_shows_the_forecast_first(report, read_pag
 
 def test_pointing_at_a_ring_tells_both_values(report, read_page):
     hint = next(t for t in read_page.traces("part") if t.get("meta") == "predicted-1")["text"][-1]
-    assert f"{report.view.forecast.taken.p_norm[-1, 1]:.2f} ±" in hint
+    assert f"{report.view.forecast.taken.p_norm[-1, 1]:.2f} (2σ: " in hint
     assert f"measured p<sub>norm</sub> {report.view.p_norm[-1, 1]:.2f}" in hint
 
 

@@ -5,29 +5,39 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt, PositiveInt
 
-from exposight.cell import sensor_named_or_read
-from exposight.cli.result import Result, Written, fact
+from exposight.cell import PRESETS, ActiveSensor, sensor_named_or_read
+from exposight.cli.app import UsageError
+from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
+from exposight.errors import InputError, did_you_mean
 from exposight.files import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
     MODELS,
     GaussianProcessModel,
+    MeanKind,
+    ModelSpecification,
     Predictor,
+    RadianceModel,
+    WindowModel,
+    load_model,
     model_named,
     save_model,
     train_all,
+    train_window,
 )
 from exposight.observing import ObservationTable, read_observations
 from exposight.planning import DEFAULT_MODELS
-from exposight.tables import Column, Table, counted
+from exposight.tables import Column, Table, counted, number
 from exposight.workers import usual_workers
 
+_GROUPS: Final[tuple[Literal["feature", "view"], ...]] = ("feature", "view")
 _ALL = "all"
 _LEAST_ROWS = 10
 """So many observations for each input a model wants."""
@@ -41,19 +51,30 @@ def train_command(
         tuple[str, ...], Parameter(("--model", "-m"), metavar="NAME")
     ] = DEFAULT_MODELS,
     output: Annotated[Path, Parameter(alias="-o")] = Path("models"),
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
+    start_from: Annotated[Path | None, Parameter("--from", metavar="MODEL")] = None,
+    mean: MeanKind | None = None,
     seed: NonNegativeInt = 1,
     restarts: PositiveInt = 3,
-    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
     workers: PositiveInt | None = None,
     cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
 ) -> Result:
     """Train models on observations.
 
-    Models named q_ predict p_norm, the quality; those named e_ the exposure time in ms that yields
-    a given brightness, learnt from observations with p_norm of at least 0.75. Each is written to
-    one file, NAME.exposight-model.
+    By default two models that belong together, in seconds: quality predicts p_norm over exposure
+    time from a feature's pose, exposure the time in ms that yields a given brightness. They know
+    how light falls on a ring and learn how its surface reflects it, and between which brightnesses
+    the sensor gives points; they hold for one sensor and one finish.
+
+    The paper's Gaussian processes are named: q_k1 … q_k6 predict p_norm from brightness, e_k1 …
+    e_k6_lin the exposure time, learnt from observations with p_norm of at least 0.75. Each model is
+    written to one file, NAME.exposight-model.
 
     For example:
+
+        exposight train observations.csv -o models/
+
+        exposight train painted.csv --from models/quality.exposight-model -o painted/
 
         exposight train observations.csv -m q_k4 -m e_k6 -o models/
 
@@ -62,56 +83,220 @@ def train_command(
     observations
         Observation table, .csv or .parquet.
     names
-        Model to train: one of the paper's (q_k1 … q_k6, e_k1 … e_k6_lin), or all. Repeat for more.
+        Model to train: quality, exposure, one of the paper's, or all. Repeat for more.
     output
         Folder for the model files.
-    seed
-        Random seed.
-    restarts
-        Starts of the optimiser; the best is kept.
     sensor
-        Sensor of the observations, kept in the model: a preset's name or a JSON file. Predicted
-        exposure times are compared with its range.
+        Sensor of the observations, kept in the model: a preset's name or a JSON file; the preset
+        that the table names by default.
+    start_from
+        quality model of the same sensor on another finish: the sensor's limits are kept, and the
+        surface is learnt anew.
+    mean
+        What the default models know of the light: where the projector and the camera stand, only
+        the camera, or none; as much as the sensor's document allows by default.
+    seed
+        Random seed, of the paper's models.
+    restarts
+        Starts of the optimiser, of the paper's models; the best is kept.
     workers
-        Train this many models in parallel; one for each core by default, at most 8.
+        Train this many of the paper's models in parallel; one for each core by default, at most 8.
     cluster
-        Train on a Dask scheduler's workers, tcp://host:8786.
+        Train the paper's models on a Dask scheduler's workers, tcp://host:8786.
     """
-    specifications = MODELS if _ALL in names else tuple(map(model_named, dict.fromkeys(names)))
+    chosen = (*DEFAULT_MODELS, *(each.name for each in MODELS)) if _ALL in names else names
+    default = [name for name in DEFAULT_MODELS if name in chosen]
+    specifications = [
+        _specification(name) for name in dict.fromkeys(chosen) if name not in DEFAULT_MODELS
+    ]
+    if not default and (start_from is not None or mean is not None):
+        msg = f"--from and --mean are of the default models, {' and '.join(DEFAULT_MODELS)}"
+        raise UsageError(msg)
     table = read_observations(observations)
-    parameterer = None if sensor is None else sensor_named_or_read(sensor)
+    parameterer, origin = _sensor(sensor, table)
+    known = None if start_from is None else _window_model(start_from)
     make_folder(output, "the models")
-    sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
+    of_table: dict[str, Any] = {
+        "source": observations.name,
+        "source_sha256": hashlib.sha256(observations.read_bytes()).hexdigest(),
+        "sensor": parameterer,
+        "seed": seed,
+    }
+    models: list[Predictor] = []
     with progress_bars() as progress:
-        models = train_all(
-            specifications,
-            table,
-            seed=seed,
-            source=observations.name,
-            source_sha256=sha256,
-            sensor=parameterer,
-            restarts=restarts,
-            workers=workers or (1 if cluster else usual_workers()),
-            cluster=cluster,
-            progress=progress,
-        )
+        if default:
+            progress("training the default models", 0, 1)
+            quality = train_window(table, mean=mean, start_from=known, **of_table)
+            progress("training the default models", 1, 1)
+            models += [each for each in (quality, quality.radiance) if each.name in default]
+        if specifications:
+            models += train_all(
+                specifications,
+                table,
+                restarts=restarts,
+                workers=workers or (1 if cluster else usual_workers()),
+                cluster=cluster,
+                progress=progress,
+                **of_table,
+            )
     files = []
     for model in models:
         files.append(Written.at(output / f"{model.name}{MODEL_SUFFIX}", "model"))
         save_model(files[-1].path, model)
+    facts = [fact("observations", str(observations))]
+    tables = [_summary(models, files)]
+    if specifications:
+        facts.append(fact("seed", seed))
+    facts.append(fact("sensor", parameterer.name if parameterer else None, origin))
+    if default:
+        facts += window_facts(quality, table)
+        tables.append(left_out_table(quality.radiance))
+    if known is not None:
+        low, high = known.limits
+        text = f"the sensor's limits of {start_from}; the surface was learnt anew"
+        facts.append(fact("kept", {"limits": [low, high]}, text))
     return Result(
-        facts=(fact("observations", str(observations)), fact("seed", seed)),
-        tables=(_summary(models, files), *map(hyperparameter_table, models)),
+        facts=tuple(facts),
+        tables=(*tables, *map(hyperparameter_table, models)),
         notes=tuple(_notes(table, models)),
         files=tuple(files),
+        next_step=f"evaluate {output / models[0].name}{MODEL_SUFFIX} TABLE" if default else "",
     )
 
 
-def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> list[str]:
+def _specification(name: str) -> ModelSpecification:
+    """Return one of the paper's models; the error names the default ones, too."""
+    known = [*DEFAULT_MODELS, *(each.name for each in MODELS), _ALL]
+    if name not in known:
+        msg = f"no model {name!r}; expected one of {', '.join(known)}" + did_you_mean(name, known)
+        raise InputError(msg)
+    return model_named(name)
+
+
+def _sensor(given: str | None, table: ObservationTable) -> tuple[ActiveSensor | None, str]:
+    """Return the sensor of a table's rows, and in words how it is known."""
+    if given is not None:
+        sensor = sensor_named_or_read(given)
+        return sensor, sensor.name
+    named = table.frame["sensor"].drop_nulls().unique().to_list()
+    presets = [each for each in PRESETS.values() if each.name in named]
+    if len(named) == len(presets) == 1:
+        return presets[0], f"{presets[0].name}, the preset that the table names"
+    if named:
+        text = f"none: {', '.join(map(repr, named))} is no preset; give its file by --sensor"
+        return None, text
+    return None, "none: the table does not name it; give it by --sensor"
+
+
+def _window_model(path: Path) -> WindowModel:
+    model = load_model(path)
+    if not isinstance(model, WindowModel):
+        msg = (
+            f"{path}: --from takes the default quality model of the same sensor, got {model.name} "
+            f"({model.title})"
+        )
+        raise InputError(msg)
+    return model
+
+
+def window_facts(model: WindowModel, table: ObservationTable | None = None) -> list[Fact]:
+    """Return what a window model found of sensor and surface, with units.
+
+    Of its training table, what images the brightness was read from, too.
+    """
+    radiance = model.radiance
+    origin, (low, high) = radiance.origin, model.limits
+    images = []
+    if table is not None:
+        images = table.measured().frame["brightness_source"].drop_nulls().unique().sort().to_list()
+    black = f"black level {number(radiance.black_level, 3)}" + (
+        "" if radiance.black_level_known else ", assumed"
+    )
+    source = f" of images that are {', '.join(images)}" if images else ""
+    formula, (feature, view) = radiance.learnt.formula, radiance.learnt.widening
+    facts = [
+        fact("finish", origin.finish, origin.finish or "not said"),
+        fact("part", origin.part, origin.part or "not said"),
+        fact("tcp", origin.tcp, origin.tcp and f"{origin.tcp} (mm, °) in the camera's frame"),
+        fact(
+            "rings", radiance.n_observations, f"{radiance.n_observations} of features in views"
+        ),
+        fact(
+            "brightness",
+            {"column": radiance.brightness, "images": images, "black_level": radiance.black_level},
+            f"{radiance.brightness}{source}; {black} grey levels",
+        ),
+        fact(
+            "limits",
+            {"modulation": low, "above_black": high},
+            f"points from {number(low, 3)} grey levels of modulation on, up to "
+            f"{number(high, 3)} grey levels above black in the brightest frame",
+        ),
+    ]
+    if formula.kind != "none":
+        text = f"ln of specular over diffuse {number(formula.log_ratio, 3)}, roughness "
+        facts.append(
+            fact(
+                "lobe",
+                {"log_ratio": formula.log_ratio, "roughness": formula.roughness},
+                f"{text}{number(formula.roughness, 3)}; light comes from the {formula.kind}",
+            )
+        )
+    facts.append(
+        fact(
+            "widening",
+            {"unseen_feature": feature, "unseen_view": view},
+            f"bands of unseen features × {number(feature, 3)}, of unseen views × "
+            f"{number(view, 3)} (Student's t times conformal factor)",
+        )
+    )
+    return facts
+
+
+def left_out_table(model: RadianceModel) -> Table:
+    """Return how well a model predicts exposure times of features, and of views, left out.
+
+    In closed form, from its training data alone (`LogRadiance.left_out`).
+    """
+    learnt, rows = model.learnt, []
+    for group, names, factor in zip(
+        _GROUPS, (learnt.features, learnt.views), learnt.widening, strict=True
+    ):
+        error, std = learnt.left_out(group)
+        score = np.abs(error) / std
+        rows.append(
+            {
+                "left_out": f"one of {counted(len(names), group)}",
+                "rings": len(error),
+                "median_error": float(np.median(np.abs(np.expm1(error)))),
+                "rmse": float(np.sqrt(np.mean(np.expm1(error) ** 2))),
+                "coverage_1sigma": float(np.mean(score <= 1.0)),
+                "coverage_2sigma": float(np.mean(score <= 2.0)),
+                "widening": factor,
+            }
+        )
+    percent: dict[str, Any] = {"digits": 3, "scale": 100.0}
+    columns = (
+        Column(name="left_out"),
+        Column(name="rings"),
+        Column(name="median_error", label="median\nerror %", **percent),
+        Column(name="rmse", label="RMSE\n%", **percent),
+        Column(name="coverage_1sigma", label="in\n±1σ %", **percent),
+        Column(name="coverage_2sigma", label="in\n±2σ %", **percent),
+        Column(name="widening", label="bands\nwidened ×", digits=3),
+    )
+    title = "exposure: relative errors of features and views left out, one after the other"
+    return Table.of("left_out", rows, columns, title=title)
+
+
+def _notes(table: ObservationTable, models: Sequence[Predictor]) -> list[str]:
     """Return what of the table may not have been meant, and what of the fits may disappoint."""
     notes = list(table.remarks())
     for model in models:
-        rows, wanted = model.n_observations, _LEAST_ROWS * len(model.inputs)
+        if isinstance(model, WindowModel | RadianceModel):
+            notes += [note for note in model.notes if note not in notes]
+            continue
+        rows, wanted = model.n_observations or 0, _LEAST_ROWS * len(model.inputs)
         if rows < wanted:
             notes.append(
                 f"{model.name} learnt from {counted(rows, 'row')} only; "
@@ -119,38 +304,47 @@ def _notes(table: ObservationTable, models: Sequence[GaussianProcessModel]) -> l
             )
     if any(model.provenance.emulated for model in models):
         notes.append("emulated exposures are among the observations; the models' files say so")
-    unfinished = [model.name for model in models if not model.summary.converged]
+    unfinished = [
+        model.name
+        for model in models
+        if isinstance(model, GaussianProcessModel) and not model.summary.converged
+    ]
     if unfinished:
         notes.append(f"{', '.join(unfinished)} did not converge; more --restarts may help")
     return notes
 
 
-def _summary(models: Sequence[GaussianProcessModel], files: Sequence[Written]) -> Table:
-    return Table.of(
-        "models",
-        (
-            {
-                "model": model.name,
-                "title": model.title,
-                "target": model.target,
-                "inputs": model.inputs,
-                "observations": model.n_observations,
-                "experts": model.experts,
-                "emulated": model.provenance.emulated,
-                **asdict(model.summary),
-                "file": str(file.path),
-            }
-            for model, file in zip(models, files, strict=True)
-        ),
-        (
-            Column(name="model"),
-            Column(name="title", label="predicts", wraps=True),
-            Column(name="observations", label="rows"),
-            Column(name="log_marginal_likelihood", label="log\nlikelihood", digits=5),
-            Column(name="converged"),
-            Column(name="seconds", label="s", decimals=1),
-        ),
+def _summary(models: Sequence[Predictor], files: Sequence[Written]) -> Table:
+    fits = {
+        each.name: {"experts": each.experts, **asdict(each.summary)}
+        for each in models
+        if isinstance(each, GaussianProcessModel)
+    }
+    nothing = dict.fromkeys(next(iter(fits.values()), {}))
+    rows = [
+        {
+            "model": model.name,
+            "title": model.title,
+            "target": model.target,
+            "inputs": model.inputs,
+            "observations": model.n_observations,
+            "emulated": model.provenance.emulated,
+            **fits.get(model.name, nothing),
+            "file": str(file.path),
+        }
+        for model, file in zip(models, files, strict=True)
+    ]
+    columns = (
+        Column(name="model"),
+        Column(name="title", label="predicts", wraps=True),
+        Column(name="observations", label="rows"),
     )
+    of_fits = (
+        Column(name="log_marginal_likelihood", label="log\nlikelihood", digits=5),
+        Column(name="converged"),
+        Column(name="seconds", label="s", decimals=1),
+    )
+    return Table.of("models", rows, (*columns, *(of_fits if fits else ())))
 
 
 def hyperparameter_table(model: Predictor) -> Table:

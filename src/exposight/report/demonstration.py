@@ -290,9 +290,30 @@ def _report(
             "view_words": "the new view",
             "view_title": "A new view, at three exposure times",
             "trained": trained,
-            "model_scores": {result.name: result.evaluation.score for result in results},
+            "example": _example(view, unseen),
             "command": "exposight demo"
             + ("" if plan.name == DemonstrationSettings().plan.name else " --quick")
             + f" --seed {settings.seed}",
         },
     )
+
+
+def _example(view: shown_view.ShownView, unseen: frozenset[str]) -> dict[str, object]:
+    """Return what both pairs of models say of the unseen feature that the paper's know least of."""
+    ours, paper = (forecast.taken for forecast in view.forecasts)
+    width = paper.p_norm_high - paper.p_norm_low
+    rows = [i for i, name in enumerate(view.features) if name in unseen]
+    row = max(rows or range(len(view.features)), key=lambda i: float(width[i, view.main]))
+    place = row, view.main
+    return {
+        "feature": view.features[row],
+        "exposure_ms": view.exposures_ms[view.main],
+        "measured": float(view.p_norm[place]),
+        **{
+            name: tuple(
+                float(values[place])
+                for values in (each.p_norm, each.p_norm_low, each.p_norm_high)
+            )
+            for name, each in (("ours", ours), ("paper", paper))
+        },
+    }
