@@ -1,6 +1,9 @@
 """What the command line says where a call cannot work: one line, and the right exit status."""
 
+import polars as pl
 import pytest
+
+from exposight.observing import read_observations
 
 POSE = ("--x-mm", 50, "--y-mm", 0, "--z-mm", 0)
 
@@ -130,7 +133,7 @@ def test_a_file_where_a_folder_is_needed(observations, tmp_path, failing):
 
 def test_an_unknown_model_name(observations, tmp_path, failing):
     message = failing("train", observations, "-m", "q_k5", "-o", tmp_path)
-    assert "no model 'q_k5'; expected one of q_k1, q_k2" in message
+    assert "no model 'q_k5'; expected one of quality, exposure, q_k1, q_k2" in message
 
 
 def test_a_damaged_model(models, tmp_path, failing):
@@ -176,8 +179,14 @@ def test_an_exposure_outside_the_sensor_s_range(single_options, tmp_path, failin
 
 @pytest.mark.slow
 def test_observations_that_the_sensor_cannot_have_taken(observations, tmp_path, failing):
-    message = failing("train", observations, "-o", tmp_path, "--sensor", "rc-visard-65")
-    assert "from 0.07 to 18 ms, got 40 ms" in message
+    sensor = ("--sensor", "rc-visard-65", "-o", tmp_path)
+    assert "are of sensor 'small', the one given is" in failing("train", observations, *sensor)
+    nameless = tmp_path / "nameless.csv"
+    frame = read_observations(observations).frame.with_columns(sensor=pl.lit(None, pl.String))
+    frame.write_csv(nameless)
+    for models in ((), ("-m", "q_k1")):
+        message = failing("train", nameless, *sensor, *models)
+        assert "from 0.07 to 18 ms, got 40 ms" in message
 
 
 def test_an_unknown_sensor(observations, tmp_path, failing):

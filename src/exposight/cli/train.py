@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -38,6 +38,13 @@ from exposight.tables import Column, Table, counted, number
 from exposight.workers import usual_workers
 
 _GROUPS: Final[tuple[Literal["feature", "view"], ...]] = ("feature", "view")
+_IMAGES = {
+    "stripe": "one stripe image a capture",
+    "stripes-mean": "the mean of the finest stripes' images",
+    "texture": "a texture image",
+}
+"""In words, what a capture's image is (`exposight.cell.BrightnessSource`)."""
+
 _ALL = "all"
 _LEAST_ROWS = 10
 """So many observations for each input a model wants."""
@@ -90,8 +97,8 @@ def train_command(
         Sensor of the observations, kept in the model: a preset's name or a JSON file; the preset
         that the table names by default.
     start_from
-        quality model of the same sensor on another finish: the sensor's limits are kept, and the
-        surface is learnt anew.
+        quality model of the same sensor on another finish: the sensor's limits are kept, but for a
+        few percent, and the surface is learnt anew; a few captures are enough.
     mean
         What the default models know of the light: where the projector and the camera stand, only
         the camera, or none; as much as the sensor's document allows by default.
@@ -113,8 +120,8 @@ def train_command(
         msg = f"--from and --mean are of the default models, {' and '.join(DEFAULT_MODELS)}"
         raise UsageError(msg)
     table = read_observations(observations)
-    parameterer, origin = _sensor(sensor, table)
     known = None if start_from is None else _window_model(start_from)
+    parameterer, origin = _sensor(sensor, table, known)
     make_folder(output, "the models")
     of_table: dict[str, Any] = {
         "source": observations.name,
@@ -153,14 +160,16 @@ def train_command(
         tables.append(left_out_table(quality.radiance))
     if known is not None:
         low, high = known.limits
-        text = f"the sensor's limits of {start_from}; the surface was learnt anew"
+        text = (
+            f"{number(low, 3)} and {number(high, 3)} grey levels, the sensor's limits of "
+            f"{start_from}, but for a few percent; the surface was learnt anew"
+        )
         facts.append(fact("kept", {"limits": [low, high]}, text))
     return Result(
         facts=tuple(facts),
-        tables=(*tables, *map(hyperparameter_table, models)),
+        tables=(*tables, *map(_hyperparameters, models)),
         notes=tuple(_notes(table, models)),
         files=tuple(files),
-        next_step=f"evaluate {output / models[0].name}{MODEL_SUFFIX} TABLE" if default else "",
     )
 
 
@@ -173,11 +182,15 @@ def _specification(name: str) -> ModelSpecification:
     return model_named(name)
 
 
-def _sensor(given: str | None, table: ObservationTable) -> tuple[ActiveSensor | None, str]:
+def _sensor(
+    given: str | None, table: ObservationTable, start_from: WindowModel | None
+) -> tuple[ActiveSensor | None, str]:
     """Return the sensor of a table's rows, and in words how it is known."""
     if given is not None:
         sensor = sensor_named_or_read(given)
         return sensor, sensor.name
+    if start_from is not None and start_from.sensor is not None:
+        return start_from.sensor, f"{start_from.sensor.name}, that of the model to start from"
     named = table.frame["sensor"].drop_nulls().unique().to_list()
     presets = [each for each in PRESETS.values() if each.name in named]
     if len(named) == len(presets) == 1:
@@ -212,15 +225,13 @@ def window_facts(model: WindowModel, table: ObservationTable | None = None) -> l
     black = f"black level {number(radiance.black_level, 3)}" + (
         "" if radiance.black_level_known else ", assumed"
     )
-    source = f" of images that are {', '.join(images)}" if images else ""
+    source = f" of {' and of '.join(_IMAGES.get(each, each) for each in images)}" if images else ""
     formula, (feature, view) = radiance.learnt.formula, radiance.learnt.widening
     facts = [
         fact("finish", origin.finish, origin.finish or "not said"),
         fact("part", origin.part, origin.part or "not said"),
         fact("tcp", origin.tcp, origin.tcp and f"{origin.tcp} (mm, °) in the camera's frame"),
-        fact(
-            "rings", radiance.n_observations, f"{radiance.n_observations} of features in views"
-        ),
+        fact("rings", radiance.n_observations, f"{radiance.n_observations} of features in views"),
         fact(
             "brightness",
             {"column": radiance.brightness, "images": images, "black_level": radiance.black_level},
@@ -345,6 +356,13 @@ def _summary(models: Sequence[Predictor], files: Sequence[Written]) -> Table:
         Column(name="seconds", label="s", decimals=1),
     )
     return Table.of("models", rows, (*columns, *(of_fits if fits else ())))
+
+
+def _hyperparameters(model: Predictor) -> Table:
+    """Return a model's hyperparameters; those of the default models have been told in words."""
+    table = hyperparameter_table(model)
+    told = isinstance(model, WindowModel | RadianceModel)
+    return replace(table, shown_rows=0) if told else table
 
 
 def hyperparameter_table(model: Predictor) -> Table:

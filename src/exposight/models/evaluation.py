@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from exposight.cell import ActiveSensor
 from exposight.errors import ObservationError
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import Predictor
@@ -107,6 +108,21 @@ def check_rows(
         else f"the table's only row is none ({counts})"
     )
     raise ObservationError(msg)
+
+
+def check_exposures(rows: ObservationTable, sensor: ActiveSensor | None) -> None:
+    """Check that a sensor can have taken the recorded rows.
+
+    Raises
+    ------
+    SensorError
+        If it cannot: the unit of time is another one, or the sensor is.
+    """
+    if sensor is None:
+        return
+    recorded = rows.frame.filter(~rows.frame["emulated"])["exposure_ms"]
+    for exposure_ms in recorded.unique(maintain_order=True):
+        sensor.check_exposure(exposure_ms)
 
 
 _POSITIONS = ("x_mm", "y_mm", "z_mm")

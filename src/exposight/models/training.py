@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from exposight import gp
 from exposight.cell import ActiveSensor
 from exposight.errors import ObservationError
-from exposight.models.evaluation import check_rows
+from exposight.models.evaluation import check_exposures, check_rows
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
 from exposight.models.specification import I_AVG_MAX, I_AVG_MIN, ModelSpecification
@@ -102,7 +102,7 @@ class Training:
         specification, restarts, limit = self.specification, self.restarts, self.committee_rows
         rows = specification.rows(self.table)
         check_rows(specification.name, "train", rows, self.table, specification.p_norm_min)
-        self._check_exposures(rows)
+        check_exposures(rows, self.sensor)
         x, y = specification.data(rows)
         n_lit = self._check_brightness(x)
 
@@ -151,14 +151,6 @@ class Training:
             ),
             sensor=self.sensor,
         )
-
-    def _check_exposures(self, rows: ObservationTable) -> None:
-        """Check that the sensor can have taken the recorded rows: wrong unit, or wrong sensor."""
-        if self.sensor is None:
-            return
-        recorded = rows.frame.filter(~rows.frame["emulated"])["exposure_ms"]
-        for exposure_ms in recorded.unique(maintain_order=True):
-            self.sensor.check_exposure(exposure_ms)
 
     def _check_brightness(self, x: NDArray[np.float64]) -> int:
         """Count the rows that the kernel does not switch off; there must be some."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import PRESETS, ActiveSensor
 from exposight.errors import InputError, ObservationError
-from exposight.models.evaluation import check_rows
+from exposight.models.evaluation import check_exposures, check_rows
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
@@ -364,6 +364,8 @@ def train_window(
     ------
     ObservationError
         If rows are of several finishes or sensors, nothing was measured, or too little of it.
+    SensorError
+        If the sensor cannot have taken a recorded exposure time.
     """
     measured = table.measured()
     check_rows(QUALITY, "train", measured, table)
@@ -375,6 +377,7 @@ def train_window(
     if sensor is not None and origin.sensor and origin.sensor != sensor.name:
         msg = f"the observations are of sensor {origin.sensor!r}, the one given is {sensor.name!r}"
         raise ObservationError(msg)
+    check_exposures(measured, sensor)
     if mean is None:
         mean = "none" if sensor is None else "projector" if sensor.projector else "camera"
     previous = start_from.radiance if start_from is not None else None

@@ -311,8 +311,7 @@ def _example(view: shown_view.ShownView, unseen: frozenset[str]) -> dict[str, ob
         "measured": float(view.p_norm[place]),
         **{
             name: tuple(
-                float(values[place])
-                for values in (each.p_norm, each.p_norm_low, each.p_norm_high)
+                float(values[place]) for values in (each.p_norm, each.p_norm_low, each.p_norm_high)
             )
             for name, each in (("ours", ours), ("paper", paper))
         },

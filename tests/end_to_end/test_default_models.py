@@ -1,0 +1,166 @@
+"""The default models by the command line: trained, carried to another finish, asked, refined."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from exposight.models import RadianceModel, WindowModel, load_model
+from exposight.observing import read_observations
+
+SUFFIX = ".exposight-model"
+
+
+@pytest.fixture(scope="module")
+def default_models(campaign, observations, tmp_path_factory, run_json):
+    folder = tmp_path_factory.mktemp("default")
+    run_json("train", observations, "--sensor", campaign / "sensor.json", "-o", folder)
+    return folder
+
+
+@pytest.fixture
+def changed(observations, tmp_path):
+    """Return what writes the observations with other columns."""
+
+    def write(**columns):
+        path = tmp_path / "changed.csv"
+        read_observations(observations).frame.with_columns(**columns).write_csv(path)
+        return path
+
+    return write
+
+
+def test_two_models_are_trained_and_what_they_found_is_told(campaign, observations, run, tmp_path):
+    words = ("train", observations, "--sensor", campaign / "sensor.json", "-o", tmp_path)
+    document = run(*words, "--json").stdout
+    assert '"model": "quality"' in document
+    assert isinstance(load_model(tmp_path / f"quality{SUFFIX}"), WindowModel)
+    assert isinstance(load_model(tmp_path / f"exposure{SUFFIX}"), RadianceModel)
+    shown = " ".join(run(*words).stdout.split())
+    for words in ("grey levels of modulation", "above black", "Student's t", "one stripe image"):
+        assert words in shown
+
+
+def test_the_plates_limits_are_found(default_models):
+    # The plate's clouds have points from 20 to 250 grey levels, of a camera without black level.
+    model = load_model(default_models / f"quality{SUFFIX}")
+    low, high = model.limits
+    assert low == pytest.approx(20.0, rel=0.3)
+    assert high == pytest.approx(250.0, rel=0.15)
+    assert model.radiance.black_level == pytest.approx(0.0, abs=1.0)
+
+
+def test_features_and_views_left_out_are_scored(campaign, observations, tmp_path, run_json):
+    told = run_json("train", observations, "--sensor", campaign / "sensor.json", "-o", tmp_path)
+    features, views = told["left_out"]
+    assert (features["left_out"], views["left_out"]) == ("one of 12 features", "one of 3 views")
+    for line in told["left_out"]:
+        assert line["rings"] == 36
+        assert line["median_error"] < 0.02
+        assert line["coverage_2sigma"] > 0.9
+    assert told["widening"]["unseen_view"] == views["widening"] > 1.0
+    assert any("3 views only" in note for note in told["notes"])
+
+
+def test_a_preset_is_found_by_the_tables_sensor(changed, tmp_path, run_json):
+    path = changed(sensor=pl.lit("ZEISS COMET Pro AE"))
+    told = run_json("train", path, "-o", tmp_path)
+    assert told["sensor"] == "ZEISS COMET Pro AE"
+    assert told["lobe"] is not None
+
+
+def test_without_a_sensor_it_is_said_what_is_lost(observations, tmp_path, run):
+    shown = " ".join(run("train", observations, "-o", tmp_path).stdout.split())
+    assert "'small' is no preset; give its file by --sensor" in shown
+    assert "without the sensor's geometry" in shown
+
+
+def test_another_finish_keeps_the_limits(default_models, changed, tmp_path, run):
+    quality = default_models / f"quality{SUFFIX}"
+    path = changed(finish=pl.lit("paint"))
+    ended = run("train", path, "--from", quality, "-o", tmp_path)
+    shown = " ".join(ended.stdout.split())
+    assert "small, that of the model to start from" in shown
+    assert "the sensor's limits of" in shown
+    new, old = (load_model(folder / f"quality{SUFFIX}") for folder in (tmp_path, default_models))
+    np.testing.assert_allclose(new.limits, old.limits, rtol=0.1)
+    assert (new.radiance.origin.finish, old.radiance.origin.finish) == ("paint", "")
+
+
+@pytest.mark.parametrize(
+    ("columns", "words", "status", "message"),
+    [
+        ({"finish": pl.when(pl.col("view") == "z600").then(pl.lit("a")).otherwise(pl.lit("b"))},
+         (), 1, "the rows are of more than one finish"),
+        ({"sensor": pl.when(pl.col("view") == "z600").then(pl.lit("a")).otherwise(pl.lit("b"))},
+         (), 1, "the rows are of more than one sensor"),
+        ({"p_norm": pl.lit(None, pl.Float64)}, (), 1, "it needs measured observations"),
+        ({}, ("-m", "q_k1", "--mean", "camera"), 2, "--from and --mean are of the default models"),
+        ({}, ("-m", "qualty"), 1, "did you mean 'quality'?"),
+        ({}, ("--mean", "lamp"), 2, "lamp"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_trained(columns, words, status, message, changed, tmp_path, run):
+    ended = run("train", changed(**columns), *words, "-o", tmp_path / "out")
+    assert ended.exit_code == status
+    assert message in ended.stderr
+
+
+def test_from_takes_a_quality_model_alone(default_models, observations, tmp_path, run):
+    ended = run(
+        "train", observations, "--from", default_models / f"exposure{SUFFIX}", "-o", tmp_path
+    )
+    assert ended.exit_code == 1
+    assert "--from takes the default quality model" in ended.stderr
+
+
+# -- forecast -------------------------------------------------------------------------------------
+
+POSE = ("--robot-pose", "fanuc", "0,0,620,0,0,0")
+
+
+def test_the_quality_model_alone_forecasts(default_models, campaign, run_json):
+    words = ("--campaign", campaign, *POSE)
+    alone = run_json("forecast", default_models / f"quality{SUFFIX}", *words)
+    assert alone["forecast"] == run_json("forecast", default_models, *words)["forecast"]
+    assert 3.0 < alone["best_exposure_ms"] < 16.0
+    assert len(alone["at_best_exposure"]) == 12
+    for line in alone["at_best_exposure"]:
+        assert line["chance"] > 0.99
+        assert line["known"]
+        assert 0.0 < line["wanted_ms_low"] < line["wanted_ms"] < line["wanted_ms_high"]
+        assert line["wanted_ms"] == pytest.approx(80 / 12, rel=0.35)
+
+
+def test_a_trial_refines_it(default_models, campaign, observations, tmp_path, run_json):
+    one = tmp_path / "one.csv"
+    frame = read_observations(observations).frame
+    frame.filter((pl.col("view") == "z600") & (pl.col("exposure_ms") == 3.0)).write_csv(one)
+    words = ("forecast", default_models, "--campaign", campaign, "--view", "z600")
+    plain, by_table, by_campaign = (
+        run_json(*words, *trial) for trial in ((), ("--trial", one), ("--trial", campaign))
+    )
+    assert set(plain["rests_on"]) == {"pose"}
+    for refined in (by_table, by_campaign):
+        assert all(source.startswith("pose and") for source in refined["rests_on"])
+
+
+def test_more_may_be_needed(default_models, campaign, run_json):
+    words = ("forecast", default_models, "--campaign", campaign, *POSE, "--exposures", 10, 20)
+    some, more = (run_json(*words, "--need", need) for need in (0.5, 0.99))
+    assert more["need"] == 0.99
+    chances = [[line["chance"] for line in each["forecast"]] for each in (some, more)]
+    assert sum(chances[1]) < sum(chances[0])
+
+
+def test_forecasts_for_another_sensor_are_refused(default_models, campaign, run):
+    words = ("--sensor", "comet-pro-ae", "--features", campaign / "features.csv", *POSE)
+    ended = run("forecast", default_models, *words)
+    assert ended.exit_code == 1
+    assert "another sensor: 'ZEISS COMET Pro AE', learnt on 'small'" in ended.stderr
+
+
+def test_the_paper_models_take_no_trial(models, campaign, observations, run):
+    words = ("--campaign", campaign, "--view", "z600", "--trial", observations)
+    ended = run("forecast", models, *words)
+    assert ended.exit_code == 1
+    assert "cannot learn from a trial capture" in ended.stderr
