@@ -21,7 +21,6 @@ from exposight.errors import InputError, ObservationError
 from exposight.models import (
     WindowModel,
     load_model,
-    propose_captures,
     save_model,
     train_response,
     train_window,
@@ -295,19 +294,6 @@ def test_few_captures_of_another_finish_suffice_with_the_sensors_limits(
     assert taught.sensor == SENSOR
     assert rmse(taught, rest) < 0.04
     assert taught.limits[1] == pytest.approx(model.limits[1], rel=0.05)
-
-
-def test_the_capture_that_tells_most_is_of_the_view_known_least(model: WindowModel) -> None:
-    seen = rings_of(observed(views=2))
-    odd = rings_of(observed(views=1, seed=3, places="odd-{}")).with_columns(pl.col("p_deg") + 12.0)
-    proposal = propose_captures(model, pl.concat([seen, odd]), EXPOSURES_MS, targets=odd)
-    best = proposal.row(0, named=True)
-    assert best["view"] == "odd-0"
-    assert best["error_after"] < 0.7 * best["error_before"]
-    assert best["exposure_ms"] in EXPOSURES_MS
-    assert (proposal["error_after"] <= proposal["error_before"] + 1e-12).all()
-    with pytest.raises(InputError, match="at least one view"):
-        propose_captures(model, seen[:0], EXPOSURES_MS)
 
 
 def test_a_model_file_gives_the_same_predictions(

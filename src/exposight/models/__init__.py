@@ -11,7 +11,7 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
-from exposight.models.proposals import propose_captures
+from exposight.models.proposals import CaptureProposer, propose_captures
 from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
 from exposight.models.ring_forecast import RingForecast, best_exposure

@@ -49,12 +49,16 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 
 class RingPrediction(NamedTuple):
-    """ln radiance of n rings: mean (n,), covariance (n, n), distance (n,) from what was learnt."""
+    """ln radiance of n rings: mean (n,), covariance (n, n), distance (n,) from what was learnt.
+
+    The covariance holds `widening`, (n,), the factors of the standard deviations.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     distance: FloatArray
     light: RingLight | None
+    widening: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,6 +199,7 @@ class LogRadiance:
             covariance=joint.covariance * np.outer(widening, widening),
             distance=self._distance(x),
             light=light,
+            widening=widening,
         )
 
     @property

@@ -315,10 +315,19 @@ class RadianceModel(Predictor):
         return (f"{self.name}: {found['finish']}",) if "finish" in found else ()
 
     def with_observations(self, table: ObservationTable) -> RadianceModel:
-        """Learn from more captures, as a cell does after each; the hyperparameters stay."""
+        """Learn from more captures, as a cell does after each; the hyperparameters stay.
+
+        Raises
+        ------
+        ObservationError
+            If rows are of another sensor, TCP or finish than was learnt.
+        """
         measured = table.measured()
         if len(measured) == 0:
             return self
+        for contradiction in self.origin.contradictions(measured.frame).values():
+            msg = f"{self.name}: the new rows are of {contradiction}; train a model for it"
+            raise ObservationError(msg)
         data = ring_data(measured, black_level=self.black_level)
         return replace(
             self,

@@ -25,7 +25,7 @@ _RELATIVE, _GREY = 0.01, 0.4
 """Error of a ring's mean brightness: a share of it (light, linearity), and grey levels (rounding,
 black level); both assumed. The scatter beyond them is learnt."""
 
-_DARK = 1.5
+DARK = 1.5
 """Grey levels above black below which a mean brightness only says that the ring is dark."""
 
 _LEAST_PAIRS = 8
@@ -86,6 +86,18 @@ def clipped_share(frame: pl.DataFrame) -> NDArray[np.float64]:
     return out
 
 
+def measurement_variance(above: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the variance of ln radiance from captures of some mean brightness.
+
+    Parameters
+    ----------
+    above : ndarray, grey levels
+        Mean brightness of a ring, above black.
+    """
+    out: NDArray[np.float64] = _RELATIVE**2 + (_GREY / above) ** 2
+    return out
+
+
 def black_level_of(
     group: NDArray[np.int64], grey: NDArray[np.float64], exposure_ms: NDArray[np.float64]
 ) -> float | None:
@@ -111,7 +123,7 @@ def black_level_of(
 
     def loss(black: float) -> float:
         above = np.maximum(grey - black, 0.05)
-        weight = 1.0 / (_RELATIVE**2 + (_GREY / above) ** 2)
+        weight = 1.0 / measurement_variance(above)
         value = np.log(above / exposure_ms)
         mean = np.bincount(group, weight * value) / np.maximum(np.bincount(group, weight), 1e-9)
         squared = weight * (value - mean[group]) ** 2
@@ -165,10 +177,10 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
     black_level_known = black_level is not None
     black_level = black_level or 0.0
     above = grey - black_level
-    bright = above > _DARK
+    bright = above > DARK
     measured_well = usable & bright
-    weight = 1.0 / (_RELATIVE**2 + (_GREY / np.maximum(above, _DARK)) ** 2)
-    value = np.log(np.maximum(above, _DARK) / exposure_ms)
+    weight = 1.0 / measurement_variance(np.maximum(above, DARK))
+    value = np.log(np.maximum(above, DARK) / exposure_ms)
     n = rings.height
     total = np.bincount(group, weight * measured_well, minlength=n)
     known = total > 0
