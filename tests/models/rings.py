@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from scipy.special import ndtr, ndtri
 
-from exposight.cell import sensor_preset
+from exposight.cell import ActiveSensor, sensor_preset
 from exposight.models.ring_light import POSE_COLUMNS, RingLight, Rings, log_mean
 from exposight.observing import ObservationTable
 
@@ -30,6 +30,8 @@ def observed(
     places: str = "v{}",
     best: float = 1.0,
     finish: str = "bare",
+    sensor: ActiveSensor = SENSOR,
+    low: float = LOW,
     **columns: Any,
 ) -> ObservationTable:
     """Return a table: features on a gently curved sheet, seen from random views."""
@@ -45,7 +47,7 @@ def observed(
             pose = (x + shift[0], y + shift[1], shift[2], 0.06 * y, -10.0 - 0.06 * x, 8.0)
             rows.append((names.format(feature), places.format(view), *pose))
     frame = pl.DataFrame(rows, schema=["feature", "view", *POSE_COLUMNS], orient="row")
-    light = RingLight.of(Rings.of(frame), SENSOR)
+    light = RingLight.of(Rings.of(frame), sensor)
     values, _ = light.log_radiance(log_ratio, ROUGHNESS)
     noise = rng.normal(0.0, 0.003, len(values)) + np.tile(effect, views)
     points = level + values + noise[:, None]
@@ -54,7 +56,7 @@ def observed(
     for time in exposures_ms:
         x = points + np.log(time)
         clipped = 1.0 - ndtr((np.log(HIGH) - x - OFFSET_MAX) / GRAIN).mean(axis=1)
-        weak = ndtr((np.log(LOW) - x - OFFSET_MOD) / GRAIN).mean(axis=1)
+        weak = ndtr((np.log(low) - x - OFFSET_MOD) / GRAIN).mean(axis=1)
         mean = np.minimum(BLACK + np.exp(log_radiance) * time, 200.0)
         quantiles = {
             f"i_{stem}_p{percent:02d}": _quantile(x + offset, percent, black)
@@ -74,7 +76,7 @@ def observed(
                 clipped_share=pl.Series(np.clip(clipped, 0.0, 1.0)),
                 stack_clipped_share=pl.Series(np.clip(clipped, 0.0, 1.0)),
                 brightness_source=pl.lit("stripes-mean"),
-                sensor=pl.lit(SENSOR.name),
+                sensor=pl.lit(sensor.name),
                 finish=pl.lit(finish),
                 r_deg=pl.lit(0.0),
                 **{name: pl.Series(value) for name, value in quantiles.items()},

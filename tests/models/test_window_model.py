@@ -1,5 +1,6 @@
 """The radiance and window models: what they find, predict, keep and refuse."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from tests.models.rings import (
 )
 
 from exposight.errors import InputError, ObservationError
+from exposight.geometry import RigidTransform
 from exposight.models import (
     WindowModel,
     load_model,
@@ -294,6 +296,23 @@ def test_few_captures_of_another_finish_suffice_with_the_sensors_limits(
     assert taught.sensor == SENSOR
     assert rmse(taught, rest) < 0.04
     assert taught.limits[1] == pytest.approx(model.limits[1], rel=0.05)
+
+
+def test_another_sensor_keeps_the_surface_and_learns_its_limits(model: WindowModel) -> None:
+    assert SENSOR.projector is not None
+    moved = replace(
+        SENSOR.projector,
+        camera_from_projector=RigidTransform.from_fanuc_wpr((150.0, 60.0, 0.0), 0.0, -14.0, 0.0),
+    )
+    other = replace(SENSOR, name="another", projector=moved)
+    whole = observed(views=10, seed=9, sensor=other, low=12.0, level=10.5)
+    few = whole.where(whole.frame["view"].is_in(["v0", "v1"]))
+    rest = whole.where(whole.frame["view"].is_in([f"v{i}" for i in range(2, 10)]))
+    taught = train_window(few, sensor=other, start_from=model)
+    assert taught.limits[0] == pytest.approx(12.0, rel=0.07)
+    lobe = taught.radiance.learnt.formula.log_ratio
+    assert lobe == pytest.approx(model.radiance.learnt.formula.log_ratio, abs=0.5)
+    assert rmse(taught, rest) < 0.04
 
 
 def test_a_model_file_gives_the_same_predictions(

@@ -31,6 +31,7 @@ from exposight.models.radiance_search import (
     FEATURE,
     FORMULA_STD,
     HALF,
+    KNOWN_LOBE_STD,
     POSITION,
     REACH,
     SLOPES,
@@ -69,8 +70,8 @@ class LogRadiance:
     ----------
     formula : Formula
         The mean, with its parameters at the maximum of the posterior.
-    prior_level : float
-        Centre of c's prior.
+    formula_prior : ((float, float, float), (float, float, float))
+        Mean and standard deviation of the prior of c, s and logit α.
     process : GaussianProcess
         What goes beyond the formula, conditioned on rings; its inputs are position, half vector,
         angles, numbers of feature and view, and the formula's derivatives.
@@ -86,7 +87,7 @@ class LogRadiance:
     """
 
     formula: Formula
-    prior_level: float
+    formula_prior: tuple[tuple[float, ...], tuple[float, ...]]
     process: GaussianProcess
     sensor: ActiveSensor | None
     features: tuple[str, ...]
@@ -102,6 +103,7 @@ class LogRadiance:
         *,
         kind: MeanKind = "projector",
         start_from: LogRadiance | None = None,
+        same_surface: bool = False,
     ) -> LogRadiance:
         """Learn from rings.
 
@@ -114,7 +116,9 @@ class LogRadiance:
         kind : {'projector', 'camera', 'none'}
             What the physical mean knows.
         start_from : LogRadiance, optional
-            Of another surface on the same sensor: its hyperparameters are the priors' centres.
+            Of another surface or another sensor: its hyperparameters are the priors' centres.
+        same_surface : bool
+            Whether that is the same surface, whose lobe is known then.
 
         Raises
         ------
@@ -137,12 +141,15 @@ class LogRadiance:
             priors = centred(priors, start_from.process, len(priors))
         first, _ = formula.evaluate(light, len(data))
         level = float(np.median((data.log_radiance - first)[known]))
-        formula = replace(formula, level=level)
-        search = Search(data, light, formula, kernel, priors)
+        formula, std = replace(formula, level=level), FORMULA_STD
+        if same_surface and start_from is not None:
+            known_lobe = start_from.formula.parameters
+            formula, std = formula.with_parameters([level, *known_lobe[1:]]), KNOWN_LOBE_STD
+        search = Search(data, light, formula, std, kernel, priors)
         x = _inputs(rings, light, formula, features, views)[0]
         found, logs, evaluations = search.run(x[known])
         whole = kernel.with_log_parameters(logs[:-1]) + Linear(
-            variances=tuple((FORMULA_STD**2).tolist()), dims=SLOPES, fixed=("variances",)
+            variances=tuple((std**2).tolist()), dims=SLOPES, fixed=("variances",)
         )
         x, mean = _inputs(rings, light, found, features, views)
         # the parameters' prior is not centred where they were found
@@ -154,7 +161,7 @@ class LogRadiance:
             process = with_limits(process, x[~known], target[~known], data.limit[~known])
         model = cls(
             formula=found,
-            prior_level=level,
+            formula_prior=(tuple(formula.parameters.tolist()), tuple(std.tolist())),
             process=process,
             sensor=sensor,
             features=features,
@@ -204,8 +211,7 @@ class LogRadiance:
 
     @property
     def _shift(self) -> FloatArray:
-        centre = np.array([self.prior_level, Formula.log_ratio, Formula.logit_roughness])
-        return centre - self.formula.parameters
+        return np.array(self.formula_prior[0]) - self.formula.parameters
 
     def with_rings(self, data: RingData) -> LogRadiance:
         """Learn from more rings; the hyperparameters and the formula's parameters stay."""

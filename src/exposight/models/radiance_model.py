@@ -386,7 +386,7 @@ class RadianceModel(Predictor):
         content = {
             "mean": formula.kind,
             "formula": formula.parameters.tolist(),
-            "prior_level": learnt.prior_level,
+            "formula_prior": learnt.formula_prior,
             "kernel": process.kernel.to_dict(),
             "noise_variance": process.noise_variance,
             "features": list(learnt.features),
@@ -412,9 +412,10 @@ class RadianceModel(Predictor):
             arrays["targets"],
             row_noise=arrays["row_noise"],
         )
+        mean, std = content["formula_prior"]
         learnt = LogRadiance(
             formula=formula,
-            prior_level=content["prior_level"],
+            formula_prior=(tuple(mean), tuple(std)),
             process=process,
             sensor=common["sensor"],
             features=tuple(content["features"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -30,6 +31,9 @@ the formula's derivatives."""
 
 FORMULA_STD = np.array([30.0, 2.5, 1.2])
 """Prior standard deviation of c, which is free, of s ~ N(1, 2.5²) and of logit α ~ N(−1, 1.2²)."""
+
+KNOWN_LOBE_STD = np.array([30.0, 0.3, 0.15])
+"""The same, where the lobe was learnt on the same surface with another sensor."""
 
 _UNLIT = -40.0
 """ln radiance of a ring that the formula leaves in the dark."""
@@ -99,7 +103,7 @@ class Formula:
         """α of the lobe."""
         return 1.0 / (1.0 + math.exp(-self.logit_roughness))
 
-    def with_parameters(self, values: FloatArray) -> Formula:
+    def with_parameters(self, values: FloatArray | Sequence[float]) -> Formula:
         """Return the formula with other c, s and logit α."""
         level, log_ratio, logit = map(float, values)
         return replace(self, level=level, log_ratio=log_ratio, logit_roughness=logit)
@@ -190,6 +194,7 @@ class Search:
     data: RingData
     light: RingLight | None
     formula: Formula  # at the centre of its prior
+    formula_std: FloatArray
     kernel: Kernel
     priors: list[_Prior]
 
@@ -215,8 +220,8 @@ class Search:
                 float(np.exp(logs[-1])),
                 y - mean[known],
             )
-            z, z_formula = (logs - centre) / std, (parameters - origin) / FORMULA_STD
-            by_formula = slopes[known].T @ alpha - z_formula / FORMULA_STD
+            z, z_formula = (logs - centre) / std, (parameters - origin) / self.formula_std
+            by_formula = slopes[known].T @ alpha - z_formula / self.formula_std
             gradient = np.concatenate([by_formula[:free], by_logs - z / std])
             total = value - 0.5 * float(z @ z + z_formula @ z_formula)
             return -total / len(y), -gradient / len(y)

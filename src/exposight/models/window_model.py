@@ -355,8 +355,9 @@ def train_window(
     mean : {'projector', 'camera', 'none'}, optional
         What the physical mean knows; as much as the sensor allows by default.
     start_from : WindowModel, optional
-        A model of the same sensor on another finish: the sensor's limits are kept, and its
-        hyperparameters are where the search starts; the surface is learnt anew.
+        A model of the same sensor on another finish: the sensor's limits are kept and the surface
+        is learnt anew. Or of the same finish on another sensor: the surface's lobe is kept, and the
+        limits are learnt anew. Its hyperparameters are where the search starts.
     source, source_sha256, seed
         Of the table; kept in the model's provenance.
 
@@ -381,7 +382,9 @@ def train_window(
     if mean is None:
         mean = "none" if sensor is None else "projector" if sensor.projector else "camera"
     previous = start_from.radiance if start_from is not None else None
-    data = ring_data(measured, black_level=previous.black_level if previous else None)
+    same_sensor = start_from is not None and start_from.sensor == sensor
+    kept = previous if same_sensor else None
+    data = ring_data(measured, black_level=kept.black_level if kept else None)
     if len(data) < _LEAST_RINGS:
         msg = (
             f"{counted(len(data), 'ring')} (of a feature in a view) is too little to learn from; "
@@ -390,7 +393,13 @@ def train_window(
         raise ObservationError(msg)
     check_places(data.rings, data.incidence_deg, sensor)
     learnt = LogRadiance.fit(
-        data, sensor, kind=mean, start_from=previous.learnt if previous else None
+        data,
+        sensor,
+        kind=mean,
+        start_from=previous.learnt if previous else None,
+        same_surface=previous is not None
+        and not same_sensor
+        and previous.origin.finish == origin.finish,
     )
     provenance = Provenance.of(measured, source=source, sha256=source_sha256, seed=seed)
     radiance = RadianceModel(
@@ -405,7 +414,7 @@ def train_window(
         black_level_known=data.black_level_known,
         origin=origin,
     )
-    known = start_from.window if start_from else None
+    known = start_from.window if start_from and same_sensor else None
     if isinstance(known, ResponseCurve):
         msg = f"{QUALITY} starts from a model of p_norm, which knows the sensor's limits"
         raise InputError(msg)
