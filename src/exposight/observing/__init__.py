@@ -1,5 +1,6 @@
 """Captures to rows: p_norm, i_avg and pose of every feature (Sect. 3.1 of the paper)."""
 
+from exposight.observing.brightness import ring_brightness
 from exposight.observing.masks import (
     FeatureView,
     PointSearch,
@@ -17,7 +18,6 @@ from exposight.observing.observe import (
     observe_campaign,
     observe_capture,
     open_campaign,
-    ring_brightness,
 )
 from exposight.observing.schema import SCHEMA, Observation
 from exposight.observing.table import ObservationTable, read_inputs, read_observations

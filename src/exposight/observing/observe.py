@@ -1,11 +1,8 @@
 """From captures to observations: Sect. 3.1 of the paper to the letter.
 
 n_points counts the cloud's points inside the hollow cylinder (Eq. 4), n_pixels the pixels of its
-ring (Eqs. 6, 7), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in one
-stripe image, and the pose is that of the feature in the sensor's TCP frame. The paper uses the mean
-i_avg alone and names standard deviation and median as promising further inputs (Sect. 3.3.8); they
-come from one histogram, so they cost nothing beside it. What the whole frame stack tells of the
-ring (`exposight.cell.StackImages`) goes into columns of its own.
+ring (Eqs. 6, 7), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in the
+capture's image, and the pose is that of the feature in the sensor's TCP frame.
 """
 
 import base64
@@ -17,22 +14,20 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exposight import cell
 from exposight.errors import CloudError
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
+from exposight.observing.brightness import ring_brightness
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
-from exposight.quantities import STACK_PERCENTS
 from exposight.workers import Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
 
 _TOO_NEAR = 500.0
 """A cloud in m lies 1000 times nearer than one in mm; none in mm lies 500 times too near."""
-
 
 _NO_COLUMNS: Mapping[str, Any] = MappingProxyType({})
 
@@ -183,99 +178,6 @@ def _observe(
         **columns,
         **shared,
     )
-
-
-def ring_brightness(
-    capture: cell.Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
-) -> dict[str, Any]:
-    """Measure the grey values of a mask's pixels in the capture's image and its stack.
-
-    Parameters
-    ----------
-    capture : Capture
-    rows, columns : (n,) ndarray of int, n ≥ 1
-        The mask's pixels.
-
-    Returns
-    -------
-    dict of str to float
-        ``i_avg``, the paper's local light intensity, ``i_std``, ``i_median``, ``i_p05``, ``i_p95``
-        on the 8-bit scale 0–255, whatever the image's depth, and ``clipped_share``: columns of an
-        observation table. So are those of the stack (``docs/formats.md``), where there is one.
-    """
-    full_scale = capture.full_scale
-    histogram = np.bincount(capture.image[rows, columns], minlength=full_scale + 1)
-    levels = np.flatnonzero(histogram)
-    counts = histogram[levels]
-    grey = np.asarray(levels * (cell.GREY_MAX / full_scale))
-    n = rows.size
-    mean = float(counts @ grey) / n
-    p05, median, p95 = _percentiles(grey, counts, (5.0, 50.0, 95.0))
-    return {
-        "i_avg": mean,
-        "i_std": float(np.sqrt(counts @ (grey - mean) ** 2 / n)),
-        "i_median": median,
-        "i_p05": p05,
-        "i_p95": p95,
-        "clipped_share": float(histogram[full_scale]) / n,
-        **_ring_stack(capture, rows, columns),
-    }
-
-
-def _ring_stack(
-    capture: cell.Capture, rows: NDArray[np.int64], columns: NDArray[np.int64]
-) -> dict[str, float]:
-    """Measure brightness without the pattern, brightest frame and amplitude of a mask's pixels."""
-    stack = capture.stack
-    images = {} if stack is None else stack.images()
-    if "mean" not in images and capture.brightness_source in cell.EVEN_SOURCES:
-        images["mean"] = capture.image
-    if not images:
-        return {}
-    pixels = rows * capture.image.shape[1] + columns
-    # Radix sort: quicker than histograms where there are few pixels or many levels.
-    values = np.sort([image.ravel()[pixels] for image in images.values()], kind="stable")
-    last = pixels.size - 1
-    position = _SHARES * last
-    below, above = (
-        values[:, np.floor(position).astype(int)],
-        values[:, np.ceil(position).astype(int)],
-    )
-    levels = below + (position - np.floor(position)) * (above - below.astype(np.float64))
-    scale = cell.GREY_MAX / capture.full_scale
-    measured: dict[str, float] = {}
-    for name, grey, of_name in zip(images, values, levels * scale, strict=True):
-        # The swing is twice the amplitude.
-        factor = 0.5 if name == "modulation" else 1.0
-        measured |= dict(zip(_STACK_COLUMNS[name], (factor * of_name).tolist(), strict=True))
-        if name == "mean":
-            measured["i_mean"] = int(grey.sum(dtype=np.int64)) * scale / grey.size
-        elif name == "maximum":
-            n_clipped = grey.size - int(np.searchsorted(grey, capture.full_scale))
-            measured["stack_clipped_share"] = n_clipped / grey.size
-        elif stack is not None and stack.min_modulation is not None:
-            limit = 2.0 * stack.min_modulation / scale
-            measured["low_modulation_share"] = int(np.searchsorted(grey, limit)) / grey.size
-    return measured
-
-
-_SHARES = np.array(STACK_PERCENTS) / 100.0
-_STACK_COLUMNS = {
-    name: tuple(f"{column}_p{percent:02d}" for percent in STACK_PERCENTS)
-    for name, column in (("mean", "i_mean"), ("maximum", "i_max"), ("modulation", "i_mod"))
-}
-
-
-def _percentiles(
-    grey: NDArray[np.float64], counts: NDArray[np.int64], percents: tuple[float, ...]
-) -> list[float]:
-    """Interpolate linearly between order statistics, as NumPy's default does."""
-    last = np.cumsum(counts)
-    position = np.array(percents) / 100.0 * (last[-1] - 1)
-    below = grey[np.searchsorted(last, np.floor(position), side="right")]
-    above = grey[np.searchsorted(last, np.ceil(position), side="right")]
-    values: list[float] = (below + (position - np.floor(position)) * (above - below)).tolist()
-    return values
 
 
 _PREVIEW_PX = 320
