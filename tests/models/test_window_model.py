@@ -367,6 +367,21 @@ def test_one_image_alone_is_said_to_scatter() -> None:
     assert any("i_avg" in note for note in model.notes)
 
 
+def test_two_campaigns_whose_views_share_names_are_refused() -> None:
+    both = ObservationTable.concat([observed(), observed(seed=4)])
+    with pytest.raises(ObservationError, match="several poses in view 'v0'"):
+        train_window(both, sensor=SENSOR)
+
+
+def test_a_mean_that_needs_what_is_not_known_is_refused() -> None:
+    nameless = changed(observed(), sensor=pl.lit(""))
+    with pytest.raises(InputError, match="needs a sensor"):
+        train_window(nameless, mean="projector")
+    with pytest.raises(InputError, match="projector's pose"):
+        train_window(nameless, mean="projector", sensor=replace(SENSOR, projector=None))
+    assert train_window(nameless).radiance.learnt.formula.kind == "none"
+
+
 @pytest.mark.parametrize("column", ["finish", "sensor", "tcp"])
 def test_mixed_tables_are_refused(column: str) -> None:
     table = changed(observed(), tcp=pl.lit("0 0 600 0 0 0"))

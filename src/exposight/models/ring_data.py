@@ -31,6 +31,9 @@ DARK = 1.5
 _LEAST_PAIRS = 8
 """So many rings with several usable exposure times are needed to learn the black level."""
 
+_SAME_POSE = 1.0
+"""mm or degrees by which poses of one view may differ: they are read back, or aligned, anew."""
+
 RING_COLUMNS = ("feature", "view", *POSE_COLUMNS)
 
 
@@ -138,6 +141,21 @@ def black_level_of(
     return float(minimize_scalar(loss, bounds=(low, high), method="bounded").x)
 
 
+def _check_one_pose(rings: pl.DataFrame) -> None:
+    """Check that a feature stays where it is in all captures of a view."""
+    moved = rings.select(pl.max_horizontal(f"{name}_moved" for name in POSE_COLUMNS)).to_series()
+    if moved.max() is None or float(moved.to_numpy().max()) <= _SAME_POSE:
+        return
+    row = rings.row(int(moved.arg_max() or 0), named=True)
+    name = max(POSE_COLUMNS, key=lambda column: float(row[f"{column}_moved"]))
+    msg = (
+        f"feature {row['feature']!r} has several poses in view {row['view']!r} (column {name} "
+        f"differs by {row[f'{name}_moved']:.3g}): if the rows are of several campaigns, give their "
+        "views different names"
+    )
+    raise ObservationError(msg)
+
+
 def ring_data(table: ObservationTable, *, black_level: float | None = None) -> RingData:
     """Gather the radiance of every feature and view from a table's captures.
 
@@ -151,7 +169,7 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
     Raises
     ------
     ObservationError
-        If there is no measured row.
+        If there is no measured row, or a feature has several poses in one view.
     """
     measured = table.measured()
     if len(measured) == 0:
@@ -163,11 +181,13 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
         pl.struct("feature", "view").rank("dense").cast(pl.Int64).sub(1).alias("_ring"),
         pl.Series("_clipped", clipped_share(measured.frame)),
     )
+    moved = (pl.col(*POSE_COLUMNS).max() - pl.col(*POSE_COLUMNS).min()).name.suffix("_moved")
     rings = (
         frame.group_by("_ring", maintain_order=True)
-        .agg(pl.col(*RING_COLUMNS, "incidence_deg", *turns).first())
+        .agg(pl.col(*RING_COLUMNS, "incidence_deg", *turns).first(), moved)
         .sort("_ring")
     )
+    _check_one_pose(rings)
     group = frame["_ring"].to_numpy()
     grey = frame[source].to_numpy().astype(np.float64)
     exposure_ms = frame["exposure_ms"].to_numpy()

@@ -381,6 +381,12 @@ def train_window(
     check_exposures(measured, sensor)
     if mean is None:
         mean = "none" if sensor is None else "projector" if sensor.projector else "camera"
+    if (sensor is None and mean != "none") or (
+        sensor is not None and sensor.projector is None and mean == "projector"
+    ):
+        lacking = "a sensor" if sensor is None else f"a projector's pose of {sensor.name!r}"
+        msg = f"mean {mean!r} needs {lacking}, which is not known; give it, or another mean"
+        raise InputError(msg)
     previous = start_from.radiance if start_from is not None else None
     same_sensor = start_from is not None and start_from.sensor == sensor
     kept = previous if same_sensor else None
