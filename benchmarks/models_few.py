@@ -6,6 +6,7 @@ A table's captures here are pairs of a view and an exposure time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
@@ -26,7 +27,7 @@ from benchmarks.models_scores import (
     rms,
 )
 from exposight.errors import ExposightError
-from exposight.models import WindowModel, train_window
+from exposight.models import WindowModel, propose_captures, train_window
 from exposight.observing import ObservationTable
 
 Capture = tuple[str, float]
@@ -150,6 +151,9 @@ _TARGETS: Final = {"bare": 3.0, "brushed": 6.5}
 """Error in percent to which captures are counted: what five of bare sheet, and ten of brushed,
 should reach."""
 
+_JUDGED = "brushed"
+"""Bare sheet takes two or three captures in any order, which tells nothing of how to choose."""
+
 _MOST_CAPTURES = 60
 
 
@@ -172,6 +176,9 @@ def information(seed: int) -> Figures:
             figures[f"captures to {target:g} % of {finish}, {name}"] = Measured(
                 value=float(np.median(needed))
             )
+        if finish == _JUDGED:
+            gains = np.divide(counts["proposed"], counts["grid"])
+            figures["information_gain_captures"] = Measured(value=float(np.median(gains)))
     return figures
 
 
@@ -184,7 +191,34 @@ def orders(
     return {
         "grid": iter([start, *others]),
         "random": iter([start, *(others[i] for i in shuffled)]),
+        "proposed": proposed_order(pool, start, finish, seed),
     }
+
+
+def proposed_order(
+    pool: ObservationTable, start: Capture, finish: str, seed: int
+) -> Iterator[Capture]:
+    """Yield captures of a pool, each as the model of those before proposes it for the test rings.
+
+    Of the view that is proposed, the capture with the nearest exposure time that is still there.
+    """
+    known, captures = other_model(finish, seed), [start]
+    candidates = pool.frame.unique(["view", "feature"], maintain_order=True)
+    targets = unseen_rows(finish, seed).frame.unique(["view", "feature"], maintain_order=True)
+    times_ms = sorted(set(pool.frame["exposure_ms"]))
+    left = [each for each in captures_of(pool) if each != start]
+    yield start
+    while left:
+        model = learnt_from(pool, captures, known) or known
+        ranking = propose_captures(model, candidates, times_ms, targets=targets)
+        for view, wanted_ms in ranking.select("view", "exposure_ms").iter_rows():
+            there = [each for each in left if each[0] == view]
+            if there:
+                chosen = min(there, key=lambda each: abs(math.log(each[1] / wanted_ms)))
+                break
+        left.remove(chosen)
+        captures.append(chosen)
+        yield chosen
 
 
 def captures_needed(finish: str, seed: int, order: Iterable[Capture], target: float) -> int:
