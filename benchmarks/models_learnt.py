@@ -79,19 +79,20 @@ def unseen_rows(name: str, seed: int) -> ObservationTable:
 
 def bare(seed: int) -> Figures:
     """Judge the model of bare sheet: quality, exposure time, limits."""
-    model, paper, both = learnt("bare", seed), papers("bare", seed), observed("bare", seed)
-    rows = unseen_rows("bare", seed)
-    guess, chains = model_guess(model, rows), paper.chains(rows)
-    ours, theirs = score(rows, guess), paper.best(rows)
-    stripes = papers("one_image", seed).best(unseen_rows("one_image", seed))
-    best_paper = min(theirs.rmse_percent, stripes.rmse_percent)
-    chosen, best = one_exposure_per_view(both.test, model_guess(model, both.test).chance)
-    chosen_paper = max(
-        one_exposure_per_view(both.test, each.chance)[0]
-        for each in paper.chains(both.test).values()
-    )
+    model, paper, test = learnt("bare", seed), papers("bare", seed), observed("bare", seed).test
+    new = unseen(test)
+    rows, guess, chains = test.where(new), model_guess(model, test), paper.chains(test)
+    scores = {name: score(rows, each.where(new)) for name, each in chains.items()}
+    of_stripes = {
+        name: score(unseen_rows("one_image", seed), each)
+        for name, each in papers("one_image", seed).chains(unseen_rows("one_image", seed)).items()
+    }
+    ours = score(rows, guess.where(new))
+    theirs = min(scores.values(), key=lambda each: each.rmse_percent)
+    best_paper = min(each.rmse_percent for each in (*scores.values(), *of_stripes.values()))
+    chosen, best = one_exposure_per_view(test, guess.chance)
+    chosen_paper = max(one_exposure_per_view(test, each.chance)[0] for each in chains.values())
     exposure, relative = exposure_figures(model, rows, paper)
-    known = both.test.where(~unseen(both.test))
     figures = {
         "quality_rmse_percent": Measured(
             value=ours.rmse_percent, coverage=ours.coverage, paper=theirs.rmse_percent
@@ -106,16 +107,11 @@ def bare(seed: int) -> Figures:
         "exposure_rmse_ms": exposure,
         "exposure_median_relative": relative,
         "limits_error_percent": Measured(value=limits_error_percent(model)),
-        "known features": quality_figure(model, known, paper),
+        "known features": quality_figure(model, test.where(~new), paper),
     }
-    for name, each in chains.items():
-        result = score(rows, each)
-        figures[f"paper: {name}"] = Measured(value=result.rmse_percent, coverage=result.coverage)
-    for name, each in papers("one_image", seed).chains(unseen_rows("one_image", seed)).items():
-        result = score(unseen_rows("one_image", seed), each)
-        figures[f"paper, one stripe image: {name}"] = Measured(
-            value=result.rmse_percent, coverage=result.coverage
-        )
+    for what, several in (("paper", scores), ("paper, one stripe image", of_stripes)):
+        for name, each in several.items():
+            figures[f"{what}: {name}"] = Measured(value=each.rmse_percent, coverage=each.coverage)
     return figures
 
 
@@ -152,7 +148,6 @@ def variants(seed: int) -> Figures:
         "kinematics": quality_figure(
             learnt("kinematics", seed),
             unseen_rows("kinematics", seed),
-            papers("kinematics", seed),
         ),
         "one_image_only": quality_figure(
             train_window(as_in_the_paper(one_image.train), sensor=sensor),

@@ -37,8 +37,13 @@ BLACK_LEVEL: Final = CameraElectronics().black_level
 
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 _EDGE: Final = (0.03, 0.97)
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-_CHUNK = 4000  # rows whose quality is predicted at a time: bounds the memory
+_NODES, _SUMMING = np.polynomial.hermite_e.hermegauss(15)
+_WEIGHTS: Final = _SUMMING / _SUMMING.sum()
+_GREY: Final = np.concatenate(
+    [np.arange(0.0, 40.0), np.arange(40.0, 100.0, 5.0), np.arange(100.0, 256.0, 2.5), [255.0]]
+)
+"""Brightness at which quality is predicted, and linear between: p_norm rises within ten grey levels
+and falls within fifty."""
 
 PAPER: Final = ("q_k1", "q_k4", "e_k6")
 
@@ -178,52 +183,52 @@ class PaperModels:
 
     models: dict[str, GaussianProcessModel]
 
-    def guess(self, quality: str, rows: ObservationTable, black_level: float = 0.0) -> Guess:
-        """Return what e_k6 and a quality model make of rows, from pose and exposure time."""
-        frame = rows.frame
-        rings = frame.select("view", "feature", *_POSE).unique(
-            ["view", "feature"], maintain_order=True
-        )
-        wanted = self.models["e_k6"].predict(rings.with_columns(i_avg=pl.lit(WANTED_BRIGHTNESS)))
-        rings = rings.select("view", "feature").with_columns(
-            pl.Series("mean", wanted.mean), pl.Series("std", wanted.std)
-        )
-        times = frame.select("view", "feature").join(
-            rings, on=["view", "feature"], how="left", maintain_order="left"
-        )
-        mean_ms, std_ms = times["mean"].to_numpy(), times["std"].to_numpy()
-        exposure_ms = rows.array(["exposure_ms"])
-        nodes_ms = mean_ms[:, None] + std_ms[:, None] * _NODES
-        nodes_ms = np.maximum(nodes_ms, exposure_ms.min() / 10.0)
-        brightness = black_level + (WANTED_BRIGHTNESS - black_level) * exposure_ms / nodes_ms
-        brightness = np.minimum(brightness, GREY_MAX)
-        parts = [
-            self._averaged(quality, frame[start : start + _CHUNK], brightness[start:][:_CHUNK])
-            for start in range(0, len(rows), _CHUNK)
-        ]
-        mean, std = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return normal_guess(mean, std)
-
-    def _averaged(
-        self, quality: str, frame: pl.DataFrame, brightness: Floats
-    ) -> tuple[Floats, Floats]:
-        repeated = frame[np.repeat(np.arange(frame.height), len(_NODES))]
-        predicted = self.models[quality].predict(
-            repeated.with_columns(pl.Series("i_avg", brightness.ravel()))
-        )
-        mean, std = (each.reshape(brightness.shape) for each in (predicted.mean, predicted.std))
-        weights = _WEIGHTS / _WEIGHTS.sum()
-        average = mean @ weights
-        variance = (std**2 + mean**2) @ weights - average**2
-        return average, np.sqrt(np.maximum(variance, 0.0))
-
     def chains(self, rows: ObservationTable) -> dict[str, Guess]:
-        """Return what each quality model gives, without and with the black level."""
-        return {
-            f"{quality}, black level {black_level:g}": self.guess(quality, rows, black_level)
-            for quality in ("q_k1", "q_k4")
-            for black_level in (0.0, BLACK_LEVEL)
-        }
+        """Return what e_k6 and each quality model make of rows, from pose and exposure time.
+
+        With brightness in proportion to time, and with that above the black level.
+        """
+        keys = rows.frame.select("view", "feature")
+        rings = rows.frame.unique(["view", "feature"], maintain_order=True)
+        places = rings.select("view", "feature").with_row_index("ring")
+        ring = keys.join(places, on=["view", "feature"], how="left", maintain_order="left")
+        of_row = ring["ring"].to_numpy().astype(np.int64)
+        wanted = self.models["e_k6"].predict(rings.with_columns(i_avg=pl.lit(WANTED_BRIGHTNESS)))
+        exposure_ms = rows.array(["exposure_ms"])
+        nodes_ms = wanted.mean[of_row, None] + wanted.std[of_row, None] * _NODES
+        nodes_ms = np.maximum(nodes_ms, exposure_ms.min() / 10.0)
+        guesses = {}
+        for quality in ("q_k1", "q_k4"):
+            tables = self._by_brightness(quality, rings)
+            for black in (0.0, BLACK_LEVEL):
+                brightness = black + (WANTED_BRIGHTNESS - black) * exposure_ms / nodes_ms
+                mean, std = (
+                    _interpolated(table, of_row, np.minimum(brightness, GREY_MAX))
+                    for table in tables
+                )
+                average = mean @ _WEIGHTS
+                variance = (std**2 + mean**2) @ _WEIGHTS - average**2
+                guesses[f"{quality}, black level {black:g}"] = normal_guess(
+                    average, np.sqrt(np.maximum(variance, 0.0))
+                )
+        return guesses
+
+    def _by_brightness(self, quality: str, rings: pl.DataFrame) -> tuple[Floats, Floats]:
+        """Return mean and standard deviation of quality at the brightness `_GREY`, by ring."""
+        model = self.models[quality]
+        shape = (rings.height, len(_GREY))
+        repeated = rings[np.repeat(np.arange(shape[0]), shape[1])].with_columns(
+            pl.Series("i_avg", np.tile(_GREY, shape[0]))
+        )
+        inputs = repeated.select(model.inputs)
+        unique = inputs.unique(maintain_order=True)
+        predicted = model.predict(unique)
+        values = unique.with_columns(
+            pl.Series("mean", predicted.mean), pl.Series("std", predicted.std)
+        )
+        found = inputs.join(values, on=list(model.inputs), how="left", maintain_order="left")
+        mean, std = (found[name].to_numpy().reshape(shape) for name in ("mean", "std"))
+        return mean, std
 
     def best(self, rows: ObservationTable) -> QualityScore:
         """Return the scores of the chain with the least error."""
@@ -233,6 +238,14 @@ class PaperModels:
     def exposure_ms(self, rows: ObservationTable) -> Floats:
         """Return e_k6's exposure times for the brightness that rows have."""
         return self.models["e_k6"].predict(rows).mean
+
+
+def _interpolated(table: Floats, ring: NDArray[np.int64], brightness: Floats) -> Floats:
+    """Return a table's values, (rings, `_GREY`), for rows of a ring each, at (n, k) brightness."""
+    cell = np.clip(np.searchsorted(_GREY, brightness, side="right") - 1, 0, len(_GREY) - 2)
+    share = (brightness - _GREY[cell]) / (_GREY[cell + 1] - _GREY[cell])
+    below, above = table[ring[:, None], cell], table[ring[:, None], cell + 1]
+    return np.asarray(below + share * (above - below))
 
 
 def paper_models(
