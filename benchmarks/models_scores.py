@@ -40,7 +40,7 @@ _EDGE: Final = (0.03, 0.97)
 _NODES, _SUMMING = np.polynomial.hermite_e.hermegauss(15)
 _WEIGHTS: Final = _SUMMING / _SUMMING.sum()
 _GREY: Final = np.concatenate(
-    [np.arange(0.0, 40.0), np.arange(40.0, 100.0, 5.0), np.arange(100.0, 256.0, 2.5), [255.0]]
+    [np.arange(0.0, 40.0), np.arange(40.0, 100.0, 5.0), np.arange(100.0, 256.0, 2.5)]
 )
 """Brightness at which quality is predicted, and linear between: p_norm rises within ten grey levels
 and falls within fifty."""
