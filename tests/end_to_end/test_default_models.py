@@ -164,3 +164,64 @@ def test_the_paper_models_take_no_trial(models, campaign, observations, run):
     ended = run("forecast", models, *words)
     assert ended.exit_code == 1
     assert "cannot learn from a trial capture" in ended.stderr
+
+
+# -- evaluate -------------------------------------------------------------------------------------
+
+
+def test_quality_and_exposure_times_are_scored(default_models, models, observations, run_json):
+    told = run_json("evaluate", *sorted(default_models.iterdir()), *models.iterdir(), observations)
+    scores = {line["model"]: line for line in told["scores"] if line["rows"] == "all"}
+    assert set(scores) == {"quality", "exposure", "q_k4", "e_k4", "q_k4+e_k4"}
+    exposure, quality = scores["exposure"], scores["quality"]
+    assert exposure["median_relative_error"] < 0.02
+    assert quality["median_relative_error"] is None
+    assert quality["rmse"] < 0.05
+    assert quality["crps"] < quality["rmse"]
+    assert quality["log_score"] < -2.0
+    (chance,) = (line for line in told["chances"] if line["model"] == "quality")
+    assert chance["said"] == pytest.approx(chance["good"], abs=0.05)
+    assert chance["brier"] < 0.02
+    assert chance["n_edge"] > 0
+    groups = [line for line in told["calibration"] if line["model"] == "quality"]
+    assert sum(group["n"] for group in groups) == quality["n"]
+    assert any("q_k4 read the brightness that was measured" in note for note in told["notes"])
+
+
+def test_known_and_unseen_features_are_scored_apart(campaign, observations, tmp_path, run_json):
+    frame = read_observations(observations).frame
+    frame.filter(pl.col("feature") < "h09").write_csv(tmp_path / "train.csv")
+    sensor = ("--sensor", campaign / "sensor.json")
+    run_json("train", tmp_path / "train.csv", *sensor, "-o", tmp_path / "m")
+    told = run_json("evaluate", *sorted((tmp_path / "m").iterdir()), observations)
+    rows = {(line["model"], line["rows"]): line["n"] for line in told["scores"]}
+    assert rows["quality", "known"] == 8 * 18
+    assert rows["quality", "unseen"] == 4 * 18
+    assert rows["quality", "all"] == 12 * 18
+    frame.filter(pl.col("feature") >= "h09").write_csv(tmp_path / "test.csv")
+    told = run_json("evaluate", *sorted((tmp_path / "m").iterdir()), tmp_path / "test.csv")
+    assert "exposure, quality know no feature of these" in told["notes"]
+
+
+def test_chances_and_bands_are_drawn(default_models, observations, tmp_path, run):
+    picture = tmp_path / "reliability.svg"
+    words = ("evaluate", *sorted(default_models.iterdir()), observations, "--picture", picture)
+    assert run(*words).exit_code == 0
+    assert picture.read_text("utf-8").startswith("<?xml")
+    assert run(*words[:-1], tmp_path / "a.pdf").exit_code == 2
+
+
+def test_a_table_of_another_sensor_is_not_evaluated(default_models, changed, run):
+    path = changed(sensor=pl.lit("another"))
+    ended = run("evaluate", default_models / f"quality{SUFFIX}", path)
+    assert ended.exit_code == 1
+    assert "another sensor: 'another', learnt on 'small'" in ended.stderr
+
+
+def test_a_table_of_another_finish_is_evaluated_with_a_word(
+    default_models, changed, run_json, tmp_path
+):
+    path = changed(finish=pl.lit("bare"))
+    run_json("train", path, "-o", tmp_path)
+    told = run_json("evaluate", tmp_path / f"quality{SUFFIX}", changed(finish=pl.lit("paint")))
+    assert any("another finish: 'paint', learnt on 'bare'" in note for note in told["notes"])

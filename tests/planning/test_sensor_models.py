@@ -54,14 +54,16 @@ def hole():
 def test_scores_are_those_of_each_model_and_print_as_a_table(models):
     unseen = observations(40, seed=2)
     scores = models.evaluate(unseen)
-    assert [each.model.name for each in scores.evaluations] == ["q_k1", "e_k2"]
+    names = ["q_k1", "e_k2", "q_k1+e_k2"]
+    assert [each.model.name for each in scores.evaluations] == names
     assert scores.evaluations[0].score == evaluate(models.quality, unseen).score
     frame = scores.table.frame
-    assert frame["model"].to_list() == ["q_k1", "q_k1", "e_k2", "e_k2"]
-    assert frame["rows"].to_list() == ["all", "inside"] * 2
-    head, *lines = str(scores).splitlines()
-    assert head.split()[:3] == ["model", "rows", "n"]
-    assert len(lines) == 4
+    assert frame.filter(rows="all")["model"].to_list() == names
+    for each in scores.evaluations:
+        inside = frame.filter(rows="inside", model=each.model.name)["n"].to_list()
+        expected = int(each.prediction.inside.sum())
+        assert inside == ([] if expected == len(each.observed) else [expected])
+    assert str(scores).split()[:3] == ["model", "rows", "n"]
     assert "<table>" in scores._repr_html_()
 
 

@@ -10,10 +10,10 @@ from cyclopts.validators import Number
 
 from exposight.cell import Part, read_features, sensor_named_or_read
 from exposight.cli.app import UsageError
+from exposight.cli.pictures import check_picture, write_picture
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean
-from exposight.files import write_durably
 from exposight.models import P_NORM_MIN
 from exposight.observing import (
     Campaign,
@@ -128,9 +128,8 @@ def forecast_command(
         Draw p_norm and its band over exposure time, a panel for each feature: .png or .svg.
     """
     sensor_models = SensorModels.load(*models)
-    if picture is not None and picture.suffix.lower() not in {".png", ".svg"}:
-        msg = f"--picture writes PNG or SVG; got the name {picture.name}"
-        raise UsageError(msg)
+    if picture is not None:
+        check_picture(picture)
     files = tuple(
         Written.at(path, kind, inputs=(*models, trial))
         for path, kind in ((csv, "forecast"), (picture, "picture"))
@@ -148,8 +147,7 @@ def forecast_command(
     if picture is not None:
         from exposight.report import forecast_picture  # takes seconds to import
 
-        still = forecast_picture(forecast)
-        write_durably(picture, still.png if picture.suffix.lower() == ".png" else still.svg)
+        write_picture(picture, forecast_picture(forecast))
     best_ms, times = forecast.best_exposure_ms(), forecast.exposures_ms
     hidden = [seen.feature.name for seen in view.features if seen not in view.visible]
     notes = [f"not visible: {', '.join(hidden)}"] if hidden else []

@@ -1,7 +1,10 @@
 """Evaluate a model on held-out observations, and notice values in other units than it knows."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import polars as pl
@@ -11,8 +14,19 @@ from exposight.cell import ActiveSensor
 from exposight.errors import ObservationError
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import Predictor
+from exposight.models.specification import P_NORM_MIN
 from exposight.observing import ObservationTable
-from exposight.statistics import RegressionScore, score
+from exposight.quantities import quantity
+from exposight.statistics import (
+    LEVELS,
+    ChanceBin,
+    RegressionScore,
+    brier,
+    crps,
+    log_score,
+    reliability,
+    score,
+)
 from exposight.tables import number
 
 
@@ -35,7 +49,8 @@ class Evaluation:
         The same for the rows inside the training data's range (the paper's X_test,i); None where
         there are none.
     remarks : tuple of str
-        What is odd about the observations: values that seem to be in another unit.
+        What is odd about the observations: values that seem to be in another unit, or another
+        finish.
     """
 
     model: Predictor
@@ -45,6 +60,118 @@ class Evaluation:
     score: RegressionScore
     score_inside: RegressionScore | None
     remarks: tuple[str, ...] = ()
+
+    @cached_property
+    def quantiles(self) -> NDArray[np.float64]:
+        """Predicted quantiles at `exposight.statistics.LEVELS`, (k, n)."""
+        return self.prediction.quantiles(LEVELS)
+
+    @cached_property
+    def chance(self) -> NDArray[np.float64] | None:
+        """Predicted chance of a p_norm of at least `P_NORM_MIN`, (n,); None of other targets."""
+        return self.prediction.chance(P_NORM_MIN) if self.model.target == "p_norm" else None
+
+    @cached_property
+    def good(self) -> NDArray[np.bool_]:
+        """Which observations have a p_norm of at least `P_NORM_MIN`, (n,)."""
+        return self.observed >= P_NORM_MIN
+
+    @property
+    def unseen(self) -> NDArray[np.bool_] | None:
+        """Which rows are of features that the model did not learn from, (n,); None if not known."""
+        known = self.model.features
+        return None if known is None else ~np.isin(self.table.names("feature"), list(known))
+
+    @property
+    def selections(self) -> dict[str, NDArray[np.bool_]]:
+        """Rows that are scored apart, by name.
+
+        All; those inside the range of what was learnt, where some are not; of known and of unseen
+        features, where there are both.
+        """
+        rows: dict[str, NDArray[np.bool_]] = {"all": np.ones(len(self.observed), dtype=np.bool_)}
+        if self.prediction.inside.any() and not self.prediction.inside.all():
+            rows["inside"] = self.prediction.inside
+        unseen = self.unseen
+        if unseen is not None and unseen.any() and not unseen.all():
+            rows |= {"known": ~unseen, "unseen": unseen}
+        return rows
+
+    def score_of(self, rows: NDArray[np.bool_]) -> RegressionScore:
+        """Return the score of some of the rows."""
+        return _scored(self.observed, self.prediction, self.inner_band, rows)
+
+    @cached_property
+    def inner_band(self) -> NDArray[np.float64]:
+        """Predicted 1σ band, (2, n)."""
+        return self.prediction.quantiles(_ONE_SIGMA)
+
+    def probability_score(self, rows: NDArray[np.bool_]) -> ProbabilityScore:
+        """Return the scores of the predicted distributions of some of the rows."""
+        observed, quantiles = self.observed[rows], self.quantiles[:, rows]
+        bounded = quantity(self.model.target).high is not None
+        relative = brier_score = edge_coverage = None
+        edge: NDArray[np.bool_] = np.zeros(len(observed), dtype=np.bool_)
+        if self.chance is not None:
+            brier_score = brier(self.good[rows], self.chance[rows])
+            edge = (observed > _EDGE[0]) & (observed < _EDGE[1])
+            low, high = self.prediction.low[rows][edge], self.prediction.high[rows][edge]
+            inside = (low <= observed[edge]) & (observed[edge] <= high)
+            edge_coverage = float(inside.mean()) if edge.any() else None
+        elif (observed > 0.0).all():
+            relative = float(np.median(np.abs(self.prediction.mean[rows] / observed - 1.0)))
+        return ProbabilityScore(
+            median_relative_error=relative,
+            crps=crps(observed, quantiles),
+            log_score=log_score(observed, quantiles, width=_WIDTH if bounded else 0.0),
+            brier=brier_score,
+            n_edge=int(edge.sum()),
+            coverage_edge=edge_coverage,
+        )
+
+    @property
+    def reliability(self) -> tuple[ChanceBin, ...]:
+        """What came of the predicted chances; empty of targets other than p_norm."""
+        return () if self.chance is None else reliability(self.good, self.chance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbabilityScore:
+    """Scores of predicted distributions and chances.
+
+    Parameters
+    ----------
+    median_relative_error : float or None
+        Median of |predicted/observed − 1|; None of targets with a full scale, such as p_norm.
+    crps : float
+        Continuous ranked probability score, in the target's unit (`exposight.statistics.crps`).
+    log_score : float, nats
+        Minus the mean logarithm of the density (`exposight.statistics.log_score`), in 1 over the
+        target's unit; of targets with a full scale widened by an error of 0.01 of it.
+    brier : float or None
+        Brier score of the chance of a p_norm of at least `P_NORM_MIN`; None of other targets.
+    n_edge : int
+        Observations at an edge of the window: 0.03 < p_norm < 0.97.
+    coverage_edge : float or None
+        Share of these within their 2σ band; None where there is none.
+    """
+
+    median_relative_error: float | None
+    crps: float
+    log_score: float
+    brier: float | None
+    n_edge: int
+    coverage_edge: float | None
+
+
+_ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
+"""Levels of a normal distribution's quantiles at one standard deviation below and above."""
+
+_EDGE = (0.03, 0.97)
+"""Observations between are neither quite lost nor quite there."""
+
+_WIDTH = 0.01
+"""Share of full scale by which distributions are widened before they have a density."""
 
 
 def evaluate(model: Predictor, table: ObservationTable) -> Evaluation:
@@ -59,26 +186,30 @@ def evaluate(model: Predictor, table: ObservationTable) -> Evaluation:
     check_rows(model.name, "evaluate", rows, table)
     prediction = model.predict(rows)
     observed = rows.array([model.target])[:, 0]
-    inside = prediction.inside
+    inside, inner_band = prediction.inside, prediction.quantiles(_ONE_SIGMA)
     return Evaluation(
         model=model,
         table=rows,
         observed=observed,
         prediction=prediction,
-        score=_scored(observed, prediction, np.ones_like(inside)),
-        score_inside=_scored(observed, prediction, inside) if inside.any() else None,
-        remarks=unit_remarks(model, rows.frame),
+        score=_scored(observed, prediction, inner_band, np.ones_like(inside)),
+        score_inside=_scored(observed, prediction, inner_band, inside) if inside.any() else None,
+        remarks=(*unit_remarks(model, rows.frame), *model.remarks(rows.frame)),
     )
 
 
 def _scored(
-    observed: NDArray[np.float64], prediction: Prediction, rows: NDArray[np.bool_]
+    observed: NDArray[np.float64],
+    prediction: Prediction,
+    inner_band: NDArray[np.float64],
+    rows: NDArray[np.bool_],
 ) -> RegressionScore:
     return score(
         observed[rows],
         prediction.mean[rows],
         prediction.std[rows],
         band=(prediction.low[rows], prediction.high[rows]),
+        inner_band=(inner_band[0, rows], inner_band[1, rows]),
     )
 
 

@@ -165,16 +165,6 @@ class Predictor(ABC):
         """
         return self.predict_frame(self._inputs(data, columns))
 
-    def quantiles(
-        self, data: ObservationTable | pl.DataFrame, levels: Sequence[float]
-    ) -> NDArray[np.float64]:
-        """Return quantiles of new observations, (len(levels), n)."""
-        return self.predict(data).quantiles(levels)
-
-    def chance(self, data: ObservationTable | pl.DataFrame, need: float) -> NDArray[np.float64]:
-        """Return the chance that new observations are at least `need`, (n,)."""
-        return self.predict(data).chance(need)
-
     def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
         """Say for each row why its prediction should not be relied on; empty where it may be."""
         frame = self._inputs(data, {})

@@ -91,12 +91,14 @@ class WindowModel(Predictor):
                 np.broadcast_to(forecast.knows[:, None], forecast.p_norm.shape),
             ),
         )
-        return Prediction(
+        return WindowPrediction(
             mean=mean,
             std=np.maximum((high - low) / 4.0, self.window.scatter),
             inside=known > 0.5,
             low=low,
             high=high,
+            model=self,
+            frame=frame,
         )
 
     def quantiles(
@@ -328,6 +330,31 @@ class WindowModel(Predictor):
 
 _WELL_LIT = 60.0
 """Grey levels above black at which a ring neither clips nor is dark."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowPrediction(Prediction):
+    """What a window model predicts of rows, whose distribution is none by a formula.
+
+    Parameters
+    ----------
+    mean, std, inside, low, high
+        As in `Prediction`.
+    model, frame
+        What was asked of which model.
+    """
+
+    model: WindowModel
+    frame: pl.DataFrame
+
+    def quantiles(self, levels: Sequence[float]) -> FloatArray:
+        """Return quantiles of new observations, (len(levels), n)."""
+        return self.model.quantiles(self.frame, levels)
+
+    def chance(self, need: float) -> FloatArray:
+        """Return the chance that new observations are at least `need`, (n,)."""
+        return self.model.chance(self.frame, need)
+
 
 _LEAST_RINGS = 3
 """Fewer rings leave nothing to learn a band from."""

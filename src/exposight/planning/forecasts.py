@@ -1,10 +1,6 @@
 """What to expect of a view before anything is taken there, whichever models say it.
 
-The default models forecast rings by themselves (`exposight.models.RingForecast`). The paper's two
-are chained: the exposure-time model tells at which exposure time each feature reaches a wanted
-brightness; a camera is linear until it clips (EMVA 1288), so the brightness at any other time
-follows in proportion, and the quality model tells what to expect of it. This is not a plan yet: one
-exposure time is chosen for the view, and no pose is.
+This is not a plan yet: one exposure time is chosen for the view, and no pose is.
 """
 
 from __future__ import annotations
@@ -17,13 +13,11 @@ from typing import TypeAlias
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError
 from exposight.files import write_durably
-from exposight.models import Predictor, RingForecast, best_exposure
-from exposight.quantities import QUANTITIES
+from exposight.models import RingForecast, best_exposure
 from exposight.tables import Column, Table, counted, number
 
 WANTED_BRIGHTNESS = 80.0
@@ -32,7 +26,8 @@ WANTED_BRIGHTNESS = 80.0
 LIKELY = 0.9
 """Chance from which a feature counts as one that reaches the quality that is needed."""
 
-_BAND = (0.023, 0.5, 0.977)
+BAND = (0.023, 0.5, 0.977)
+"""Levels of a median and its 2σ band."""
 
 _COLUMNS = (
     Column(name="feature"),
@@ -47,7 +42,6 @@ _COLUMNS = (
     Column(name="known"),
 )
 
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 FloatArray: TypeAlias = NDArray[np.float64]
 
 
@@ -104,7 +98,7 @@ class Forecast:
         return cls(
             features=tuple(features),
             exposures_ms=tuple(rings.exposures_ms.tolist()),
-            wanted_ms=rings.exposure_ms(WANTED_BRIGHTNESS, _BAND),
+            wanted_ms=rings.exposure_ms(WANTED_BRIGHTNESS, BAND),
             brightness=np.minimum(rings.i_mean(), GREY_MAX),
             p_norm=rings.p_norm,
             p_norm_low=rings.low,
@@ -207,83 +201,6 @@ class Forecast:
 
     def _repr_html_(self) -> str:
         return f"<p>{self.table.title}</p>{self.table._repr_html_()}"
-
-
-def chained_forecast(
-    quality: Predictor,
-    exposure: Predictor,
-    poses: pl.DataFrame,
-    exposures_ms: Sequence[float],
-    need: float,
-) -> Forecast:
-    """Forecast by a quality and an exposure-time model, one after the other.
-
-    The exposure-time model's uncertainty is carried on: the quality is averaged over the
-    brightness that the exposure time may lead to (Gauss–Hermite quadrature). The chance is that of
-    a normal distribution.
-
-    Parameters
-    ----------
-    quality : Predictor
-        Predicts p_norm, from brightness or pose or both.
-    exposure : Predictor
-        Predicts the exposure time in ms, from brightness and perhaps pose.
-    poses : polars.DataFrame
-        A row for each feature (`View.frame`).
-    exposures_ms : sequence of float, ms
-        Exposure times to look at.
-    need : float
-        Quality that is asked for.
-
-    Raises
-    ------
-    ObservationError
-        If a model reads what is only known of captures.
-    """
-    grey = pl.lit(WANTED_BRIGHTNESS)
-    at_wanted = poses.with_columns(i_avg=grey, i_mean=grey)
-    wanted = exposure.predict(at_wanted)
-    times_ms = np.asarray(exposures_ms, dtype=np.float64)
-    shortest_ms = float(times_ms.min()) / 10  # the normal distribution knows no least time
-    nodes_ms = np.maximum(wanted.mean[:, None] + wanted.std[:, None] * _NODES, shortest_ms)
-    brightness = np.minimum(
-        WANTED_BRIGHTNESS * times_ms[:, None] / nodes_ms[:, None, :], GREY_MAX
-    )  # (features, times, nodes)
-    weights = _WEIGHTS / _WEIGHTS.sum()
-    repeated = poses[np.repeat(np.arange(poses.height), brightness[0].size)]
-    levels = pl.Series("i_avg", brightness.ravel())
-    predicted = quality.predict(
-        repeated.with_columns(
-            levels,
-            levels.alias("i_mean"),
-            pl.Series("exposure_ms", np.broadcast_to(times_ms[:, None], brightness.shape).ravel()),
-        )
-    )
-    mean, std = (values.reshape(brightness.shape) for values in (predicted.mean, predicted.std))
-    p_norm = mean @ weights
-    spread = np.sqrt(np.maximum((std**2 + mean**2) @ weights - p_norm**2, 0.0))
-    scale = QUANTITIES["p_norm"]
-    band = np.clip([p_norm - 2.0 * spread, p_norm + 2.0 * spread], scale.low, scale.high)
-    return Forecast(
-        features=tuple(poses["feature"].to_list()),
-        exposures_ms=tuple(times_ms.tolist()),
-        wanted_ms=np.maximum(wanted.quantiles(_BAND).T, 0.0),
-        brightness=brightness @ weights,
-        p_norm=p_norm,
-        p_norm_low=band[0],
-        p_norm_high=band[1],
-        chance=ndtr((p_norm - need) / np.maximum(spread, 1e-9)),
-        need=need,
-        unknown=tuple(
-            of_exposure or of_quality
-            for of_exposure, of_quality in zip(
-                exposure.unknown(at_wanted),
-                quality.unknown(at_wanted.with_columns(exposure_ms=pl.Series(wanted.mean))),
-                strict=True,
-            )
-        ),
-        source=("pose",) * poses.height,
-    )
 
 
 def check_forecast(poses: pl.DataFrame, exposures_ms: Sequence[float] | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +18,6 @@ from exposight.models import (
     MODEL_SUFFIX,
     P_NORM_MIN,
     QUALITY,
-    Evaluation,
     MeanKind,
     ModelSpecification,
     Predictor,
@@ -33,7 +32,9 @@ from exposight.models import (
     train_window,
 )
 from exposight.observing import ObservationTable, View
-from exposight.planning.forecasts import Forecast, chained_forecast, check_forecast
+from exposight.planning.chain import ChainedQuality, chained_forecast
+from exposight.planning.forecasts import Forecast, check_forecast
+from exposight.planning.model_scores import ModelScores
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
 from exposight.workers import Progress, ignore_progress
@@ -46,54 +47,6 @@ _EXPOSURES = 61
 
 _DARK, _BEYOND_FULL = 4.0, 2.0
 """They reach from so many grey levels above black to so many times full scale."""
-
-_SCORES = (
-    Column(name="model"),
-    Column(name="rows"),
-    Column(name="n"),
-    Column(name="r2_percent", label="R² %"),
-    Column(name="rmse", label="RMSE", digits=3, error_of="target"),
-    Column(name="mae", label="MAE", digits=3, error_of="target"),
-    Column(name="coverage_1sigma", label="±1σ %", digits=3, scale=100.0),
-    Column(name="coverage_2sigma", label="±2σ %", digits=3, scale=100.0),
-)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ModelScores:
-    """How well models predict observations, one evaluation for each; prints as a table."""
-
-    evaluations: tuple[Evaluation, ...]
-
-    @property
-    def table(self) -> Table:
-        """A row for each model and selection of rows: all, and those inside its training range."""
-        rows = [
-            {
-                "model": evaluation.model.name,
-                "target": evaluation.model.target,
-                "rows": selection,
-                **asdict(score),
-            }
-            for evaluation in self.evaluations
-            for selection, score in (
-                ("all", evaluation.score),
-                ("inside", evaluation.score_inside),
-            )
-            if score is not None
-        ]
-        return Table.of("scores", rows, _SCORES)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What is odd about the observations."""
-        return tuple(remark for each in self.evaluations for remark in each.remarks)
-
-    def __str__(self) -> str:
-        return "\n".join((str(self.table), *self.remarks))
-
-    def _repr_html_(self) -> str:
-        return self.table._repr_html_()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,14 +96,18 @@ class SensorModels:
     def evaluate(self, table: ObservationTable) -> ModelScores:
         """Evaluate both models on held-out observations.
 
+        Where the quality model reads the measured brightness, so is what both together say before
+        there is one (`ChainedQuality`).
+
         Raises
         ------
         ObservationError
             If a model finds no row that it can be evaluated on.
         """
-        return ModelScores(
-            evaluations=(evaluate(self.quality, table), evaluate(self.exposure, table))
-        )
+        models = [self.quality, self.exposure]
+        if not isinstance(self.quality, WindowModel):
+            models.append(ChainedQuality.of(self.quality, self.exposure))
+        return ModelScores(evaluations=tuple(evaluate(model, table) for model in models))
 
     def forecast(
         self,

@@ -27,9 +27,9 @@ class RegressionScore:
     mae : float
         Mean absolute error, in the unit of the target.
     coverage_1sigma, coverage_2sigma : float or None
-        Share of the observations within one and two predicted standard deviations, the second
-        within the predicted band instead where one was given; None where no standard deviation was
-        given. A calibrated prediction covers 0.954, and a normal one 0.683.
+        Share of the observations within one and two predicted standard deviations, or within the
+        predicted bands that stand for them; None where neither was given. A calibrated prediction
+        covers 0.683 and 0.954.
     """
 
     n: int
@@ -169,6 +169,7 @@ def score(
     std: ArrayLike | None = None,
     *,
     band: tuple[ArrayLike, ArrayLike] | None = None,
+    inner_band: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> RegressionScore:
     """Score predictions in the terms of the paper's Tables 2 and 3.
 
@@ -179,7 +180,10 @@ def score(
     std : (n,) array, optional
         Standard deviation of a new observation, noise included, in the same unit.
     band : pair of (n,) array, optional
-        Low and high limit for 95.4 % of new observations, in the same unit.
+        Low and high limit for 95.4 % of new observations, in the same unit; mean ± 2 std if left
+        out.
+    inner_band : pair of (n,) array, optional
+        The same for 68.3 %; mean ± std if left out.
 
     Returns
     -------
@@ -193,19 +197,26 @@ def score(
     """
     y, prediction = _check_pair(observed, predicted_mean, "predicted_mean")
     alike = bool(np.all(y == y[0]))
-    within_two = None if std is None else coverage(y, prediction, std, 2.0)
-    if band is not None:
-        low, high = (_check_pair(y, limit, "band")[1] for limit in band)
-        within_two = float(np.mean((low <= y) & (y <= high)))
+    within = [
+        _share_within(y, limits) if limits is not None
+        else None if std is None
+        else coverage(y, prediction, std, k)
+        for k, limits in ((1.0, inner_band), (2.0, band))
+    ]  # fmt: skip
     return RegressionScore(
         n=len(y),
         r2_percent=math.nan if alike else 100.0 * r2(y, prediction),
         mse=mse(y, prediction),
         rmse=rmse(y, prediction),
         mae=mae(y, prediction),
-        coverage_1sigma=None if std is None else coverage(y, prediction, std, 1.0),
-        coverage_2sigma=within_two,
+        coverage_1sigma=within[0],
+        coverage_2sigma=within[1],
     )
+
+
+def _share_within(y: FloatArray, band: tuple[ArrayLike, ArrayLike]) -> float:
+    low, high = (_check_pair(y, limit, "band")[1] for limit in band)
+    return float(np.mean((low <= y) & (y <= high)))
 
 
 def _check_pair(
