@@ -15,6 +15,7 @@ from exposight.models.proposals import CaptureProposer, propose_captures
 from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
 from exposight.models.ring_forecast import RingForecast, best_exposure
+from exposight.models.ring_training import train_response, train_window
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,
     I_AVG_MIN,
@@ -26,4 +27,4 @@ from exposight.models.specification import (
     product_kernel,
 )
 from exposight.models.training import Training, run_trainings, train_all
-from exposight.models.window_model import WindowModel, train_response, train_window
+from exposight.models.window_model import WindowModel

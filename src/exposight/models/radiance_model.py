@@ -14,6 +14,7 @@ from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.gp import GaussianProcess, kernel_from_dict
 from exposight.models.log_radiance import Formula, LogRadiance
+from exposight.models.origin import ORIGIN_COLUMNS, Origin
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,
@@ -35,7 +36,6 @@ P_NORM_NEED = 0.75
 """Quality from which a point cloud serves (Sect. 3.4.1 of the paper)."""
 
 _NAMES = ("feature", "view")
-_ORIGIN = ("sensor", "tcp", "part", "finish")
 FAR = 1.0
 """Learnt length scales beyond which nothing was learnt."""
 
@@ -57,58 +57,6 @@ def far_away(distance: float, telling_ms: float | None = None) -> str:
     return (
         f"{distance:.1f} length scales from anything learnt; a capture of this view{at} would tell"
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Origin:
-    """What observations are of; empty where the table does not say.
-
-    Parameters
-    ----------
-    sensor, tcp, part, finish : str
-        As in the columns of observation tables.
-    """
-
-    sensor: str = ""
-    tcp: str = ""
-    part: str = ""
-    finish: str = ""
-
-    @classmethod
-    def of(cls, table: ObservationTable) -> Origin:
-        """Return what a table's rows are of, all of the same.
-
-        Raises
-        ------
-        ObservationError
-            If they are of several sensors, TCPs or finishes.
-        """
-        values = {}
-        for name in _ORIGIN:
-            named = table.frame[name].drop_nulls().unique().sort().to_list()
-            named = [each for each in named if each]
-            if len(named) > 1 and name != "part":
-                listed = ", ".join(map(repr, named))
-                msg = (
-                    f"the rows are of more than one {name}: {listed}; a model holds for one, so "
-                    f"train one for each (filter the table by column {name!r})"
-                )
-                raise ObservationError(msg)
-            values[name] = named[0] if len(named) == 1 else ""
-        return cls(**values)
-
-    def contradictions(self, frame: pl.DataFrame) -> dict[str, str]:
-        """Return which of sensor, tcp and finish a frame has otherwise, in words, by name."""
-        found: dict[str, str] = {}
-        for name in ("sensor", "tcp", "finish"):
-            learnt = getattr(self, name)
-            if not learnt or name not in frame.columns:
-                continue
-            others = [each for each in set(frame[name].to_list()) if each and each != learnt]
-            if others:
-                what = {"sensor": "sensor", "tcp": "tool centre point", "finish": "finish"}[name]
-                found[name] = f"another {what}: {others[0]!r}, learnt on {learnt!r}"
-        return found
 
 
 @register_predictor
@@ -134,7 +82,7 @@ class RadianceModel(Predictor):
     optional_inputs: ClassVar[tuple[str, ...]] = (
         *_NAMES,
         *TURN_COLUMNS,
-        *_ORIGIN,
+        *ORIGIN_COLUMNS,
         "incidence_deg",
     )
 

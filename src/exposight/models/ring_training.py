@@ -1,0 +1,178 @@
+"""Training of the default models: radiance, the sensor's limits, and other qualities of a ring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+
+from exposight.cell import PRESETS, ActiveSensor
+from exposight.errors import InputError, ObservationError
+from exposight.models.evaluation import check_exposures, check_rows
+from exposight.models.log_radiance import LogRadiance
+from exposight.models.origin import Origin
+from exposight.models.predictor import Provenance
+from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
+from exposight.models.radiance_search import MeanKind
+from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
+from exposight.models.ring_data import ring_data
+from exposight.models.ring_light import POSE_COLUMNS, check_places
+from exposight.models.window_fit import fit_window
+from exposight.models.window_model import WindowModel
+from exposight.observing import ObservationTable
+from exposight.tables import counted
+
+_LEAST_RINGS = 3
+"""Fewer rings leave nothing to learn a band from."""
+
+
+def train_window(
+    table: ObservationTable,
+    *,
+    sensor: ActiveSensor | None = None,
+    mean: MeanKind | None = None,
+    start_from: WindowModel | None = None,
+    source: str = "a table in memory",
+    source_sha256: str | None = None,
+    seed: int | None = None,
+) -> WindowModel:
+    """Train the radiance model and the window model on observations.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Rows that were not measured are left out.
+    sensor : ActiveSensor, optional
+        The sensor of the observations. Left out, it is that of `start_from`, or the preset that the
+        table names.
+    mean : {'projector', 'camera', 'none'}, optional
+        What the physical mean knows; as much as the sensor allows by default.
+    start_from : WindowModel, optional
+        A model of the same sensor on another finish: the sensor's limits are kept and the surface
+        is learnt anew. Or of the same finish on another sensor: the surface's lobe is kept, and the
+        limits are learnt anew. Its hyperparameters are where the search starts.
+    source, source_sha256, seed
+        Of the table; kept in the model's provenance.
+
+    Raises
+    ------
+    ObservationError
+        If rows are of several finishes or sensors, nothing was measured, or too little of it.
+    SensorError
+        If the sensor cannot have taken a recorded exposure time.
+    """
+    measured = table.measured()
+    check_rows(QUALITY, "train", measured, table)
+    origin = Origin.of(measured)
+    if sensor is None and start_from is not None:
+        sensor = start_from.sensor
+    if sensor is None:
+        sensor = next((each for each in PRESETS.values() if each.name == origin.sensor), None)
+    if sensor is not None and origin.sensor and origin.sensor != sensor.name:
+        msg = f"the observations are of sensor {origin.sensor!r}, the one given is {sensor.name!r}"
+        raise ObservationError(msg)
+    check_exposures(measured, sensor)
+    if mean is None:
+        mean = "none" if sensor is None else "projector" if sensor.projector else "camera"
+    if (sensor is None and mean != "none") or (
+        sensor is not None and sensor.projector is None and mean == "projector"
+    ):
+        lacking = "a sensor" if sensor is None else f"a projector's pose of {sensor.name!r}"
+        msg = f"mean {mean!r} needs {lacking}, which is not known; give it, or another mean"
+        raise InputError(msg)
+    previous = start_from.radiance if start_from is not None else None
+    same_sensor = start_from is not None and start_from.sensor == sensor
+    kept = previous if same_sensor else None
+    data = ring_data(measured, black_level=kept.black_level if kept else None)
+    if len(data) < _LEAST_RINGS:
+        msg = (
+            f"{counted(len(data), 'ring')} (of a feature in a view) is too little to learn from; "
+            f"at least {_LEAST_RINGS} are needed, and ten from several views for useful bands"
+        )
+        raise ObservationError(msg)
+    check_places(data.rings, data.incidence_deg, sensor)
+    learnt = LogRadiance.fit(
+        data,
+        sensor,
+        kind=mean,
+        start_from=previous.learnt if previous else None,
+        same_surface=previous is not None
+        and not same_sensor
+        and previous.origin.finish == origin.finish,
+    )
+    provenance = Provenance.of(measured, source=source, sha256=source_sha256, seed=seed)
+    radiance = RadianceModel(
+        name=EXPOSURE,
+        title="exposure time, radiance",
+        target="exposure_ms",
+        inputs=(data.source, *POSE_COLUMNS),
+        provenance=provenance,
+        sensor=sensor,
+        learnt=learnt,
+        black_level=data.black_level,
+        black_level_known=data.black_level_known,
+        origin=origin,
+    )
+    known = start_from.window if start_from and same_sensor else None
+    if isinstance(known, ResponseCurve):
+        msg = f"{QUALITY} starts from a model of p_norm, which knows the sensor's limits"
+        raise InputError(msg)
+    window = fit_window(learnt, data, measured.frame, start_from=known)
+    return WindowModel(
+        name=QUALITY,
+        title="quality, window",
+        target="p_norm",
+        inputs=(*POSE_COLUMNS, "exposure_ms"),
+        provenance=provenance,
+        sensor=sensor,
+        radiance=radiance,
+        window=window,
+        n_rows=len(measured),
+    )
+
+
+def train_response(
+    table: ObservationTable, target: str, *, model: WindowModel, better: Better
+) -> WindowModel:
+    """Learn how another quality of rings depends on their brightness.
+
+    Parameters
+    ----------
+    table : ObservationTable
+        Rows that have a value in column `target`; those that clip or stay dark included.
+    target : str
+        A numeric column: noise, form or diameter error, or anything else.
+    model : WindowModel
+        Of the same sensor and finish; its radiance model says how bright rings are.
+    better : {'higher', 'lower'}
+        Which quality is better.
+
+    Returns
+    -------
+    WindowModel
+        Predicts `target`, with the same forecasts as for p_norm.
+
+    Raises
+    ------
+    ObservationError
+        If there is no such column, or it has too few values.
+    """
+    radiance = model.radiance
+    frame = rows_of_quality(table.measured().frame, target)
+    rings, ring = radiance.rings(frame)
+    log_radiance, _, _ = radiance.radiance(rings)
+    exposure_ms = frame["exposure_ms"].to_numpy()
+    curve = ResponseCurve.fit(
+        log_radiance[ring] + np.log(exposure_ms),
+        frame[target].cast(pl.Float64).to_numpy(),
+        better,
+    )
+    return replace(
+        model,
+        name=f"{QUALITY}_{target}",
+        title=f"{target}, curve over brightness",
+        target=target,
+        window=curve,
+        n_rows=frame.height,
+    )
