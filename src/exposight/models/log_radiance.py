@@ -214,7 +214,10 @@ class LogRadiance:
         return np.array(self.formula_prior[0]) - self.formula.parameters
 
     def with_rings(self, data: RingData) -> LogRadiance:
-        """Learn from more rings; the hyperparameters and the formula's parameters stay."""
+        """Learn from more rings; the hyperparameters and the formula's parameters stay.
+
+        Bands are widened anew, for as many features and views as there are then.
+        """
         known = data.limit == 0
         rings = data.rings.take(np.flatnonzero(known))
         if len(rings) == 0:
@@ -225,7 +228,8 @@ class LogRadiance:
         x, mean = _inputs(rings, light, self.formula, features, views)
         target = data.log_radiance[known] - mean - x[:, SLOPES] @ self._shift
         process = self.process.with_observations(x, target, row_noise=data.variance[known])
-        return replace(self, process=process, features=features, views=views)
+        model = replace(self, process=process, features=features, views=views)
+        return replace(model, widening=model._widening())
 
     def spread(self, rings: Rings, light: RingLight | None) -> FloatArray:
         """Return ln radiance at the points of rings, (n, k), up to a constant of each ring."""
