@@ -196,9 +196,10 @@ def test_what_does_not_fit_is_refused(
     frame = read_observations(observations).frame
     again, other = tmp_path / "again.csv", tmp_path / "other.csv"
     frame.filter(pl.col("exposure_ms") == 3.0).write_csv(again)
-    assert "nothing is left to propose: 3 views" in refused(
-        "propose", default_models, "--views", campaign, "--captured", again
-    )
+    captured = ("propose", default_models, "--views", campaign, "--captured", again)
+    assert "nothing is left to propose: 3 views" in refused(*captured)
+    shown = " ".join(run(*captured, "--again").stdout.split())
+    assert "quality has learnt from 36 of the 36 rings in --captured before" in shown
     frame.with_columns(sensor=pl.lit("another")).write_csv(other)
     assert "another sensor: 'another'" in refused(*words, "--captured", other)
     behind.write_text(plan.read_text("utf-8").replace(f"{campaign}/sensor.json", "comet-pro-ae"))

@@ -205,13 +205,14 @@ def _captured(model: WindowModel, paths: Sequence[Path]) -> ObservationTable:
 
 
 def _known_before(model: WindowModel, table: ObservationTable) -> list[str]:
-    views = [each for each in table.frame["view"].unique() if each in model.radiance.learnt.views]
-    if not views:
+    rings, _ = model.radiance.rings(table.measured().frame)
+    known = int(np.count_nonzero(model.radiance.learnt.knows(rings)))
+    if known == 0:
         return []
-    text = (
-        f"{counted(len(views), 'view')} of --captured, as {min(views)}, {model.name} knows already"
-    )
-    return [f"{text}: what it has learnt from before counts twice"]
+    return [
+        f"{model.name} has learnt from {count(known)} of the {counted(len(rings), 'ring')} in "
+        "--captured before; captures that it knows already count twice"
+    ]
 
 
 def _learnt(model: WindowModel, table: ObservationTable) -> tuple[WindowModel, tuple[Fact, ...]]:

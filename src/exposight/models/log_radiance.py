@@ -231,6 +231,19 @@ class LogRadiance:
         model = replace(self, process=process, features=features, views=views)
         return replace(model, widening=model._widening())
 
+    def knows(self, rings: Rings) -> NDArray[np.bool_]:
+        """Return which rings were learnt from: of the same feature and view, in the same place."""
+        learnt = {
+            (
+                self.features[int(row[FEATURE])],
+                self.views[int(row[VIEW])],
+                row[list(POSITION)].tobytes(),
+            )
+            for row in self.process.x
+        }
+        places = zip(rings.features, rings.views, rings.positions, strict=True)
+        return np.array([(f, v, place.tobytes()) in learnt for f, v, place in places])
+
     def spread(self, rings: Rings, light: RingLight | None) -> FloatArray:
         """Return ln radiance at the points of rings, (n, k), up to a constant of each ring."""
         if light is None:
