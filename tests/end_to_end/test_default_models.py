@@ -225,3 +225,72 @@ def test_a_table_of_another_finish_is_evaluated_with_a_word(
     run_json("train", path, "-o", tmp_path)
     told = run_json("evaluate", tmp_path / f"quality{SUFFIX}", changed(finish=pl.lit("paint")))
     assert any("another finish: 'paint', learnt on 'bare'" in note for note in told["notes"])
+
+
+# -- predict and info -----------------------------------------------------------------------------
+
+PLACE = ("--x-mm", 50, "--y-mm", 0, "--z-mm", 20, "--w-deg", 0, "--p-deg", 0, "--radius-mm", 5)
+
+
+def test_one_exposure_time_is_predicted_with_its_band(default_models, run_json):
+    told = run_json("predict", default_models / f"exposure{SUFFIX}", "--i-avg", 90, *PLACE)
+    (line,) = told["predictions"]
+    low, middle, high = (line[f"predicted_exposure_ms{end}"] for end in ("_low", "", "_high"))
+    assert 0.0 < low < middle < high
+    assert middle == pytest.approx(90 / 12, rel=0.15)
+    assert line["known"]
+    assert line["nearest_setting_ms"] == pytest.approx(middle, abs=0.25)
+
+
+def test_names_and_finish_may_be_given_or_not(default_models, run_json):
+    model = default_models / f"quality{SUFFIX}"
+    words = ("predict", model, "--exposure-ms", 8, *PLACE)
+    nameless, named = (
+        run_json(*words, *more)["predictions"][0] for more in ((), ("--feature", "h05"))
+    )
+    assert named["feature"] == "h05"
+    assert nameless["predicted_p_norm"] == pytest.approx(1.0, abs=0.05)
+    for line in (nameless, named):
+        low, high = line["predicted_p_norm_low"], line["predicted_p_norm_high"]
+        assert 0.0 <= low <= line["predicted_p_norm"] <= high
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "message"),
+    [
+        (("--x-mm", "left"), 2, "--x-mm takes a number, got 'left'"),
+        (("--sensor", "another"), 1, "another sensor: 'another', learnt on 'small'"),
+        (("--tcp", "0 0 500 0 0 0"), 1, "another tool centre point"),
+        (("--finsh", "bare"), 2, "did you mean 'finish'?"),
+    ],
+)
+def test_what_cannot_be_predicted(words, status, message, default_models, run):
+    given = [*PLACE, "--exposure-ms", 8]
+    if words[0] in given:
+        del given[:2]
+    ended = run("predict", default_models / f"quality{SUFFIX}", *given, *words)
+    assert ended.exit_code == status
+    assert message in ended.stderr
+
+
+def test_a_table_may_lack_names_and_all_that_is_optional(default_models, tmp_path, run_json):
+    path = tmp_path / "planned.csv"
+    path.write_text(
+        "x_mm,y_mm,z_mm,w_deg,p_deg,radius_mm,exposure_ms\n0,0,0,0,0,5,0.5\n0,0,0,0,0,5,8\n"
+    )
+    told = run_json("predict", default_models / f"quality{SUFFIX}", path, "-o", tmp_path / "o.csv")
+    assert [round(line["predicted_p_norm"]) for line in told["predictions"]] == [0, 1]
+    assert "unknown" in pl.read_csv(tmp_path / "o.csv").columns
+
+
+def test_info_tells_limits_and_origin(default_models, run_json, run):
+    told = run_json("info", default_models / f"quality{SUFFIX}")
+    assert told["limits"]["modulation"] < told["limits"]["above_black"]
+    assert told["part"] == "plate"
+    assert told["tcp"] == "0 0 600 0 0 0"
+    assert len(told["features"]) == 12
+    assert told["widening"]["unseen_view"] > 1.0
+    assert [line["rings"] for line in told["left_out"]] == [36, 36]
+    shown = " ".join(run("info", default_models / f"exposure{SUFFIX}").stdout.split())
+    assert "light comes from the camera" in shown
+    assert "3 views only" in shown

@@ -139,8 +139,8 @@ def test_predict_quality_of_one_feature(models, run_json):
     )
     (line,) = document["predictions"]
     assert line["predicted_p_norm"] == pytest.approx(1.0, abs=0.1)
-    assert line["inside_training_range"]
-    assert line["outside"] == ""
+    assert line["known"]
+    assert line["unknown"] == ""
 
 
 def test_predict_names_the_input_outside_the_training_range(models, run):
@@ -150,7 +150,7 @@ def test_predict_names_the_input_outside_the_training_range(models, run):
     )
     shown = " ".join(result.stdout.split())
     assert "z_mm −40 to 40 mm" in shown
-    assert "note: z_mm outside the training data" in shown
+    assert "note: do not trust this prediction: z_mm outside the training data" in shown
     assert "q_k4 does not read w_deg" in shown
 
 
@@ -197,7 +197,7 @@ def test_no_setting_is_recommended_where_the_model_extrapolates(models, run_json
     (line,) = document["predictions"]
     assert line["in_sensor_range"]
     assert line["nearest_setting_ms"] is None
-    assert "do not trust it here" in document["notes"][0]
+    assert "do not trust this prediction" in document["notes"][0]
 
 
 def test_predict_a_planned_table_shows_its_inputs(models, tmp_path, run):

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from exposight.cli.app import UsageError
-from exposight.cli.pictures import check_picture, write_picture
+from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.result import Result, Written, fact
 from exposight.models import (
     MODEL_SUFFIX,

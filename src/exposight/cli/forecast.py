@@ -10,7 +10,7 @@ from cyclopts.validators import Number
 
 from exposight.cell import Part, read_features, sensor_named_or_read
 from exposight.cli.app import UsageError
-from exposight.cli.pictures import check_picture, write_picture
+from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.errors import InputError, did_you_mean

@@ -13,20 +13,27 @@ import numpy as np
 from exposight import cell
 from exposight.cell import CLOUD_SUFFIXES, PRESETS, CampaignFolder
 from exposight.cli.measure import plan_from, plan_summary
+from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
 from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
 from exposight.cli.terminal import progress_bars
-from exposight.cli.train import hyperparameter_table
 from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
 from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
 from exposight.geometry import read_ros_camera_info as read_camera_info
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
 from exposight.measuring import recorded_driver
-from exposight.models import MODEL_SUFFIX, GaussianProcessModel, is_model_file, load_model
+from exposight.models import (
+    MODEL_SUFFIX,
+    GaussianProcessModel,
+    RadianceModel,
+    WindowModel,
+    is_model_file,
+    load_model,
+)
 from exposight.observing import read_observations
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
-from exposight.tables import number
+from exposight.tables import Table, number
 from exposight.twin.part import MESH_SUFFIXES, SCENE_FILE, is_scene, read_scene, scene_sensor
 
 if TYPE_CHECKING:
@@ -61,7 +68,7 @@ def info_command(file: Path, /) -> Result:
 
     For example:
 
-        exposight info models/q_k4.exposight-model
+        exposight info models/quality.exposight-model
 
         exposight info small
 
@@ -77,8 +84,8 @@ def info_command(file: Path, /) -> Result:
     for kind, _, matches, describe in KINDS:
         if matches(file):
             facts = (fact("path", str(file), ""), fact("kind", kind, ""), *describe(file))
-            tables = (hyperparameter_table(load_model(file)),) if kind == "model" else ()
-            return Result(title=f"{file}: {kind}", facts=facts, tables=tables)
+            tables, notes = _model_tables(file) if kind == "model" else ((), ())
+            return Result(title=f"{file}: {kind}", facts=facts, tables=tables, notes=notes)
     known = ", ".join(f"{kind} ({known_by})" for kind, known_by, _, _ in KINDS)
     msg = f"{file}: not something that exposight knows; it knows {known}"
     raise FormatError(msg)
@@ -158,9 +165,23 @@ def _model(path: Path) -> Iterator[Fact]:
     for name, limits in model.training_range.items():
         yield _range(name, limits)
     sensor = model.sensor.name if model.sensor else None
-    yield from _facts(rows=model.n_observations, sensor=sensor, **asdict(model.provenance))
+    origin = asdict(model.provenance)
+    yield _names("features", origin.pop("features"))
+    yield from _facts(rows=model.n_observations, sensor=sensor, **origin)
+    if isinstance(model, WindowModel | RadianceModel):
+        yield from model_facts(model)
     if isinstance(model, GaussianProcessModel):
         yield from _facts(**asdict(model.summary))
+
+
+def _model_tables(path: Path) -> tuple[tuple[Table, ...], tuple[str, ...]]:
+    """Return a model's hyperparameters, how it does on what was left out, and its weak points."""
+    model = load_model(path)
+    tables = (hyperparameter_table(model),)
+    if not isinstance(model, WindowModel | RadianceModel):
+        return tables, ()
+    radiance = model.radiance if isinstance(model, WindowModel) else model
+    return (left_out_table(radiance), *tables), model.notes
 
 
 @_kind(

@@ -13,11 +13,14 @@ from exposight.cli.result import Fact, Result, Written, fact
 from exposight.errors import FormatError, InputError, did_you_mean
 from exposight.files import write_durably
 from exposight.models import I_AVG_MIN, Prediction, Predictor, load_model, unit_remarks
-from exposight.observing import read_inputs
-from exposight.quantities import QUANTITIES, quantity
+from exposight.observing import SCHEMA, read_inputs
+from exposight.quantities import quantity
 from exposight.tables import Column, Table, count, counted, number
 
 _SHOWN_ROWS = 20
+_POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
+_MOST_INPUTS = 5
+"""So many inputs are shown of rows without names; of more, none of turn and radius."""
 
 
 def predict_command(
@@ -26,20 +29,21 @@ def predict_command(
     /,
     *,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    **inputs: float,
+    **inputs: float | str,
 ) -> Result:
     r"""Predict quality or exposure time from poses.
 
-    Gives mean and twice the standard deviation of a new observation, and says whether the inputs
-    lie in the range of the training data. A q_ model predicts p_norm; an e_ model the exposure time
-    in ms that yields the brightness i_avg.
+    Gives a new observation's mean (of exposure times the median) and 2σ band, and says where a
+    prediction should not be relied on and why. quality predicts p_norm from pose and exposure time,
+    exposure the time in ms that yields a brightness there; the paper's q_ models read the
+    brightness i_avg.
 
     For example:
 
-        exposight predict models/e_k6.exposight-model --i-avg 90 --x-mm 10 \
-          --y-mm -20 --z-mm 5 --w-deg 0 --p-deg -8
+        exposight predict models/exposure.exposight-model --i-mean 90 --x-mm 10 \
+          --y-mm -20 --z-mm 5 --w-deg 0 --p-deg -8 --radius-mm 5
 
-        exposight predict models/q_k4.exposight-model planned.csv -o quality.csv
+        exposight predict models/quality.exposight-model planned.csv -o quality.csv
 
     Parameters
     ----------
@@ -50,8 +54,9 @@ def predict_command(
     output
         Write the predictions to this CSV file.
     inputs
-        Or the inputs of one feature: i-avg (grey level 0 to 255), x-mm, y-mm, z-mm (position in the
-        TCP frame), w-deg, p-deg (orientation), as the model reads them.
+        Or the inputs of one feature: i-mean or i-avg (grey level 0 to 255), x-mm, y-mm, z-mm
+        (position in the TCP frame), w-deg, p-deg (orientation), radius-mm, exposure-ms, as the
+        model reads them; feature, view, finish and others that it reads where they are given.
     """
     if (observations is None) == (not inputs):
         msg = "give a table of observations, or the inputs of one feature (--i-avg 90 …)"
@@ -65,14 +70,16 @@ def predict_command(
     model = load_model(model_file)
     given = {name.replace("-", "_"): value for name, value in inputs.items()}
     table = (
-        _one_row(model, given) if observations is None else read_inputs(observations, model.inputs)
+        _one_row(model, given)
+        if observations is None
+        else read_inputs(observations, model.inputs, model.optional_inputs)
     )
     frame, prediction = _predicted(model, table)
     if output is not None:
         buffer = io.BytesIO()
         frame.write_csv(buffer)
         write_durably(output, buffer.getvalue())
-    inside = int(np.count_nonzero(prediction.inside))
+    known = int(frame["known"].sum())
     low, middle, high = np.percentile(prediction.mean, [0, 50, 100]).tolist()
     return Result(
         title=f"{model.name}: {model.title}",
@@ -81,11 +88,11 @@ def predict_command(
             fact("target", model.target, ""),
             fact("unit", quantity(model.target).unit, ""),
             fact("rows", table.height, f"{count(frame.height)} of {count(table.height)} predicted"),
-            fact("inside_training_range", inside, f"{count(inside)} within the training data"),
+            fact("known", known, f"{count(known)} of them near what was learnt"),
             fact(
                 "predicted",
                 {"min": low, "median": middle, "max": high},
-                _summary(model.target, prediction),
+                _summary(frame, model.target),
             ),
             fact("training_range", model.training_range, _ranges(model)),
             *_sensor_range(model),
@@ -104,16 +111,28 @@ def _sensor_range(model: Predictor) -> tuple[Fact, ...]:
     return (fact("sensor_range_ms", [low, high], text),)
 
 
-def _one_row(model: Predictor, inputs: dict[str, float]) -> pl.DataFrame:
+def _one_row(model: Predictor, inputs: dict[str, float | str]) -> pl.DataFrame:
     """Return a frame with the inputs of one feature."""
     if missing := [name for name in model.inputs if name not in inputs]:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
         msg = f"{model.name} reads {', '.join(model.inputs)}; give the missing {options} too"
         raise UsageError(msg)
-    if unknown := [name for name in inputs if name not in {*model.inputs, *QUANTITIES}]:
+    read = (*model.inputs, *model.optional_inputs)
+    if unknown := [name for name in inputs if name not in {*read, *SCHEMA}]:
         msg = f"{model.name} does not read {unknown[0]!r}, it reads {', '.join(model.inputs)}"
-        raise UsageError(msg + did_you_mean(unknown[0], model.inputs))
-    return pl.DataFrame({name: [inputs[name]] for name in model.inputs})
+        raise UsageError(msg + did_you_mean(unknown[0], read))
+    for name, value in inputs.items():
+        if isinstance(value, str) and SCHEMA.get(name) != pl.String:
+            msg = f"--{name.replace('_', '-')} takes a number, got {value!r}"
+            raise UsageError(msg)
+    texts = {name for name in inputs if SCHEMA.get(name) == pl.String}
+    return pl.DataFrame(
+        {
+            name: [str(inputs[name]) if name in texts else inputs[name]]
+            for name in read
+            if name in inputs
+        }
+    )
 
 
 def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Prediction]:
@@ -125,23 +144,24 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
     table = table.filter(
         pl.all_horizontal(pl.col(names).fill_null(np.nan).cast(pl.Float64).is_finite())
     )
-    ranges = model.training_range
     if table.height == 0:
         msg = f"no row has all inputs of {model.name}: {', '.join(names)}"
         raise InputError(msg)
     prediction = model.predict(table)
     target = model.target
-    outside = [
-        " ".join(name for name, (low, high) in ranges.items() if not low <= row[name] <= high)
-        for row in table.iter_rows(named=True)
-    ]
+    least = quantity(target).low
+    reasons = model.unknown(table)
     frame = table.with_columns(
         pl.Series(f"predicted_{target}", prediction.mean),
         pl.Series(f"predicted_{target}_std", prediction.std),
-        pl.Series(f"predicted_{target}_low", prediction.low),
-        pl.Series(f"predicted_{target}_high", prediction.high),
-        pl.Series("inside_training_range", prediction.inside),
-        pl.Series("outside", outside),
+        *(
+            pl.Series(
+                f"predicted_{target}_{end}", values if least is None else np.maximum(values, least)
+            )
+            for end, values in (("low", prediction.low), ("high", prediction.high))
+        ),
+        pl.Series("known", [not reason for reason in reasons]),
+        pl.Series("unknown", reasons, dtype=pl.String),
     )
     if target == "exposure_ms" and (sensor := model.sensor) is not None:
         possible = (prediction.mean >= sensor.exposure.min_ms) & (
@@ -150,7 +170,9 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
         # An extrapolated exposure time is no setting to recommend.
         settings = [
             sensor.nearest_exposure(value) if good else None
-            for value, good in zip(prediction.mean, possible & prediction.inside, strict=True)
+            for value, good in zip(
+                prediction.mean, possible & frame["known"].to_numpy(), strict=True
+            )
         ]
         frame = frame.with_columns(
             pl.Series("in_sensor_range", possible),
@@ -160,43 +182,57 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
 
 
 def _notes(
-    model: Predictor, table: pl.DataFrame, frame: pl.DataFrame, inputs: dict[str, float]
+    model: Predictor, table: pl.DataFrame, frame: pl.DataFrame, inputs: dict[str, float | str]
 ) -> list[str]:
-    name, notes = model.name, list(unit_remarks(model, frame))
+    notes = [*unit_remarks(model, frame), *model.remarks(frame)]
     if left_out := table.height - frame.height:
-        lack, are = ("lacks", "is") if left_out == 1 else ("lack", "are")
+        lack = "lacks" if left_out == 1 else "lack"
         notes.append(
-            f"{counted(left_out, 'row')} {lack} an input, empty or not a number, and {are} left out"
+            f"{counted(left_out, 'row')} {lack} an input, empty or not a number, and "
+            f"{_are(left_out)} left out"
         )
     if "in_sensor_range" in frame.columns:
         beyond = frame.height - int(frame["in_sensor_range"].sum())
         if beyond:
-            are = "is" if beyond == 1 else "are"
-            notes.append(f"{counted(beyond, 'exposure time')} {are} outside the sensor's range")
+            notes.append(
+                f"{counted(beyond, 'exposure time')} {_are(beyond)} outside the sensor's range"
+            )
     elif model.target == "exposure_ms":
         notes.append("the model names no sensor; train with --sensor to check its range")
+    unknown = frame.filter(~pl.col("known"))
+    if unknown.height:
+        reason = unknown["unknown"][0]
+        notes.append(
+            f"do not trust this prediction: {reason}"
+            if frame.height == 1
+            else f"do not trust {counted(unknown.height, 'row')} that {_are(unknown.height)} not "
+            f"known; the first: {reason} (--output writes why, row by row)"
+        )
     if inputs:
-        if outside := frame["outside"][0].replace(" ", ", "):
-            notes.append(
-                f"{outside} outside the training data: the model extrapolates, do not trust it here"
-            )
-        if unread := [each for each in inputs if each not in model.inputs]:
-            notes.append(f"{name} does not read {', '.join(unread)}")
-        if model.target == "p_norm" and inputs.get("i_avg", 255.0) < I_AVG_MIN:
+        read = (*model.inputs, *model.optional_inputs)
+        if unread := [each for each in inputs if each not in read]:
+            notes.append(f"{model.name} does not read {', '.join(unread)}")
+        grey = inputs.get("i_avg", 255.0)
+        if model.target == "p_norm" and "i_avg" in model.inputs and float(grey) < I_AVG_MIN:
             notes.append(
                 f"below grey level {I_AVG_MIN:g} the quality models predict 0 by design (Eq. 9)"
             )
     return notes
 
 
-def _summary(target: str, prediction: Prediction) -> str:
-    """Return the smallest, median and largest prediction, and how certain they are."""
-    low, middle, high = (number(value) for value in np.percentile(prediction.mean, [0, 50, 100]))
+def _are(number_of_rows: int) -> str:
+    return "is" if number_of_rows == 1 else "are"
+
+
+def _summary(frame: pl.DataFrame, target: str) -> str:
+    """Return the smallest, median and largest prediction, or of one row the band."""
+    values = frame[f"predicted_{target}"].to_numpy()
+    low, middle, high = (number(value) for value in np.percentile(values, [0, 50, 100]))
     unit = f" {quantity(target).suffix}".rstrip()
-    sigma = number(2 * float(np.median(prediction.std)), 3)
-    if len(prediction.mean) == 1:
-        return f"{middle} ± {sigma}{unit} (2σ)"
-    return f"{low} to {high}{unit}, median {middle} ± {sigma}{unit} (2σ)"
+    if len(values) == 1:
+        ends = (number(frame[f"predicted_{target}_{end}"][0], 3) for end in ("low", "high"))
+        return f"{middle}{unit}, 2σ band {' to '.join(ends)}{unit}"
+    return f"{low} to {high}{unit}, median {middle}{unit}"
 
 
 def _ranges(model: Predictor) -> str:
@@ -215,13 +251,20 @@ def _prediction_table(model: Predictor, frame: pl.DataFrame, *, written: bool) -
         for name in ("feature", "view", target)
         if name in frame.columns and frame[name].null_count() < frame.height
     ]
+    if "feature" in known:  # which says where it is
+        inputs = tuple(name for name in inputs if name not in _POSE)
+    elif len(inputs) > _MOST_INPUTS:
+        inputs = tuple(name for name in inputs if name not in _POSE[3:])
     setting = ["nearest_setting_ms"] if "nearest_setting_ms" in frame.columns else []
     columns = (
         *(Column(name=name, digits=3, wraps=name == "view") for name in (*known, *inputs)),
         Column(name=f"predicted_{target}", label=f"predicted{unit}", digits=4),
-        Column(name=f"predicted_{target}_std", label=f"± 2σ{unit}", digits=3, scale=2.0),
+        *(
+            Column(name=f"predicted_{target}_{end}", label=f"{label}{unit}", digits=3)
+            for end, label in (("low", "−2σ"), ("high", "+2σ"))
+        ),
         *(Column(name=name, label="setting\nms") for name in setting),
-        Column(name="outside", wraps=True),
+        Column(name="known"),
     )
     limit = 0 if written else _SHOWN_ROWS
     return Table(name="predictions", frame=frame, columns=columns, shown_rows=limit)

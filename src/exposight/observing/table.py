@@ -294,7 +294,9 @@ def read_observations(path: str | Path) -> ObservationTable:
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
 
-def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
+def read_inputs(
+    path: str | Path, columns: Sequence[str], optional: Sequence[str] = ()
+) -> pl.DataFrame:
     """Read a table of what a model is asked about, which need hold nothing else.
 
     Parameters
@@ -303,12 +305,14 @@ def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
         CSV or Parquet: an observation table, or any table with these columns.
     columns : sequence of str
         The model's inputs, with their units in their names.
+    optional : sequence of str
+        Columns that it reads where they are there.
 
     Returns
     -------
     polars.DataFrame
-        The columns, and of ``feature``, ``view``, ``exposure_ms`` and ``p_norm`` what there is;
-        what there is not is null.
+        The columns, and of ``feature``, ``view``, ``exposure_ms``, ``p_norm`` and `optional` what
+        there is; what there is not is null.
 
     Raises
     ------
@@ -320,7 +324,7 @@ def read_inputs(path: str | Path, columns: Sequence[str]) -> pl.DataFrame:
     path = Path(path)
     _check_file(path, "table")
     frame = _read_frame(path)
-    wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm")))
+    wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm", *optional)))
     present = [name for name in wanted if name in frame.columns]
     try:
         schema.check_columns_present(frame.columns, columns)
