@@ -49,7 +49,7 @@ def model_facts(
             f"{radiance.brightness}{source}; {black} grey levels",
         ),
     ]
-    if isinstance(model, WindowModel):
+    if isinstance(model, WindowModel) and model.target == "p_norm":
         low, high = model.limits
         facts.append(
             fact(
