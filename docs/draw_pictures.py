@@ -1,4 +1,4 @@
-"""Draw the pictures in docs/pictures: ``make docs``, one to two minutes on two cores.
+"""Draw the pictures in docs/pictures: ``make docs``, two to three minutes on two cores.
 
 Those of the simulated cell need nothing; that of the skull needs its recording, and stays as it is
 where there is none.
@@ -11,6 +11,7 @@ import sys
 from picture_of_brightness import draw_brightness
 from picture_of_door import draw_door
 from picture_of_exposures import draw_exposures
+from picture_of_forecasts import draw_forecasts
 from picture_of_skull import draw_skull
 from picture_style import set_style
 
@@ -27,6 +28,7 @@ def main() -> None:
     draw_door(scene, tracer)
     draw_exposures(scene, tracer)
     draw_brightness(scene)
+    draw_forecasts()
     try:
         draw_skull()
     except MissingFileError as error:
