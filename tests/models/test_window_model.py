@@ -315,6 +315,14 @@ def test_another_sensor_keeps_the_surface_and_learns_its_limits(model: WindowMod
     assert rmse(taught, rest) < 0.04
 
 
+def test_a_new_view_with_the_name_of_a_learnt_one_is_a_new_view(model: WindowModel) -> None:
+    other = rings_of(observed(views=1, seed=11, places="v{}"))
+    named = model.forecast(other, TIMES)
+    unnamed = model.forecast(other.with_columns(view=pl.lit("not learnt")), TIMES)
+    np.testing.assert_allclose(named.std, unnamed.std)
+    np.testing.assert_allclose(named.mean, unnamed.mean)
+
+
 def test_a_model_file_gives_the_same_predictions(
     model: WindowModel, unseen: ObservationTable, tmp_path: Path
 ) -> None:

@@ -49,6 +49,10 @@ from exposight.models.ring_light import RingLight, Rings
 FloatArray: TypeAlias = NDArray[np.float64]
 
 
+SAME_PLACE_MM = 1.0
+"""By how much poses of one view may differ: they are read back, or aligned, anew."""
+
+
 class RingPrediction(NamedTuple):
     """ln radiance of n rings: mean (n,), covariance (n, n), distance (n,) from what was learnt.
 
@@ -195,6 +199,7 @@ class LogRadiance:
 
     def predict(self, rings: Rings) -> RingPrediction:
         """Predict ln radiance of n rings jointly, the scatter from ring to ring included."""
+        rings = self._views_told_apart(rings)
         light = self.formula.light(rings, self.sensor)
         x, mean = _inputs(rings, light, self.formula, self.features, self.views)
         joint = self.process.predict_jointly(x, include_noise=True)
@@ -219,7 +224,7 @@ class LogRadiance:
         Bands are widened anew, for as many features and views as there are then.
         """
         known = data.limit == 0
-        rings = data.rings.take(np.flatnonzero(known))
+        rings = self._views_told_apart(data.rings.take(np.flatnonzero(known)))
         if len(rings) == 0:
             return self
         features = tuple(dict.fromkeys((*self.features, *rings.features)))
@@ -231,18 +236,36 @@ class LogRadiance:
         model = replace(self, process=process, features=features, views=views)
         return replace(model, widening=model._widening())
 
-    def knows(self, rings: Rings) -> NDArray[np.bool_]:
-        """Return which rings were learnt from: of the same feature and view, in the same place."""
-        learnt = {
-            (
-                self.features[int(row[FEATURE])],
-                self.views[int(row[VIEW])],
-                row[list(POSITION)].tobytes(),
-            )
+    @cached_property
+    def _places(self) -> dict[tuple[str, str], FloatArray]:
+        """Where each feature was in each view that was learnt, mm."""
+        return {
+            (self.features[int(row[FEATURE])], self.views[int(row[VIEW])]): row[list(POSITION)]
             for row in self.process.x
         }
-        places = zip(rings.features, rings.views, rings.positions, strict=True)
-        return np.array([(f, v, place.tobytes()) in learnt for f, v, place in places])
+
+    def _views_told_apart(self, rings: Rings) -> Rings:
+        """Rename views that have the name of a learnt one, and features in other places."""
+        places = zip(rings.keys, rings.positions, strict=True)
+        elsewhere = {
+            key[1]
+            for key, place in places
+            if key in self._places and np.abs(place - self._places[key]).max() > SAME_PLACE_MM
+        }
+        if not elsewhere:
+            return rings
+        views = (f"{view}, elsewhere" if view in elsewhere else view for view in rings.views)
+        return replace(rings, views=tuple(views))
+
+    def knows(self, rings: Rings) -> NDArray[np.bool_]:
+        """Return which rings were learnt from: of the same feature and view, in the same place."""
+        places = zip(rings.keys, rings.positions, strict=True)
+        return np.array(
+            [
+                key in self._places and np.array_equal(place, self._places[key])
+                for key, place in places
+            ]
+        )
 
     def spread(self, rings: Rings, light: RingLight | None) -> FloatArray:
         """Return ln radiance at the points of rings, (n, k), up to a constant of each ring."""
