@@ -104,7 +104,9 @@ def test_longer_exposure_is_brighter(result):
 def test_what_was_found_is_on_disk(result, folder):
     table = read_observations(folder / "observations.csv")
     assert table.frame.equals(result.table.frame)
-    for own in result.results:
+    kept = [own for own in result.results if own.model.kind]
+    assert [own.name for own in kept] == ["quality", "exposure", "q_k4", "e_k6"]
+    for own in kept:
         name = own.name
         model = load_model(folder / "models" / f"{name}.exposight-model")
         again = model.predict(own.evaluation.table)
@@ -124,6 +126,25 @@ def test_a_second_run_keeps_what_was_captured_and_finds_the_same(result, folder)
 def test_another_seed_does_not_mix_into_the_same_campaign(result, folder):
     with pytest.raises(InputError, match=r"another demonstration, or one of another seed"):
         run_demonstration(folder, replace(SETTINGS, seed=2))
+
+
+def test_both_pairs_forecast_the_new_view_and_no_band_is_below_0(result):
+    default, paper = result.view.forecasts
+    assert (default.quality, default.exposure) == ("quality", "exposure")
+    assert (paper.quality, paper.exposure) == ("q_k4", "e_k6")
+    for each in (default, paper):
+        assert each.choice.exposures_ms == default.choice.exposures_ms
+        assert each.taken.wanted_ms.min() >= 0.0
+        assert (each.taken.p_norm_low <= each.taken.p_norm_high).all()
+
+
+def test_the_page_says_first_what_was_chosen_and_tells_limits(result):
+    page = result.html()
+    cards = page[page.index('<div class="cards">') :]
+    chosen = result.view.exposures_ms[result.view.main]
+    assert f'<data value="{chosen!r}">' in cards[: cards.index("</p>")]
+    assert "limit of modulation = " in " ".join(page.split())
+    assert "median relative error" in page
 
 
 def test_models_that_cannot_forecast_are_refused():

@@ -58,6 +58,8 @@ def test_numbers_carry_every_digit():
 @pytest.mark.parametrize(
     ("name", "text"),
     [
+        ("quality", "<i>quality</i>"),
+        ("q_k1+e_k6", "<sup>q</sup><i>k</i><sub>1</sub> + <sup>e</sup><i>k</i><sub>6</sub>"),
         ("q_k4_s2", "<sup>q</sup><i>k</i><sub>4</sub><sup>s₂</sup>"),
         ("e_k6_plusplus", "<sup>e</sup><i>k</i><sub>6</sub><sup>++</sup>"),
         ("e_k6_lin", "<sup>e</sup><i>k</i><sub>6</sub><sup>lin</sup>"),

@@ -92,7 +92,9 @@ def demo_command(
 def _scores(name: str, features: str, evaluations: tuple[Evaluation, ...]) -> Table:
     table = ModelScores(evaluations=evaluations).table
     rows = table.frame.filter(rows="all")
-    return replace(table, name=name, title=f"Models on {features}", frame=rows)
+    columns = tuple(each for each in table.columns if each.name != "rows")
+    title = f"Models on {features}"
+    return replace(table, name=name, title=title, frame=rows, columns=columns)
 
 
 def _new_view(report: CampaignReport) -> Table:

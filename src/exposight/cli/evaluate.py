@@ -9,16 +9,9 @@ from cyclopts import Parameter
 from exposight.cli.app import UsageError
 from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.result import Result, Written, fact
-from exposight.models import (
-    MODEL_SUFFIX,
-    Predictor,
-    RadianceModel,
-    WindowModel,
-    evaluate,
-    load_model,
-)
+from exposight.models import MODEL_SUFFIX, evaluate, load_model
 from exposight.observing import read_observations
-from exposight.planning import ChainedQuality, ModelScores
+from exposight.planning import ModelScores, with_chains
 
 _FORM = "exposight evaluate MODEL... OBSERVATIONS"
 
@@ -55,7 +48,7 @@ def evaluate_command(
     table = read_observations(observations)
     sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     loaded = [load_model(path) for path in paths]
-    models = _with_chains(loaded)
+    models = with_chains(loaded)
     scores = ModelScores(evaluations=tuple(evaluate(model, table) for model in models))
     known = [model.name for model in loaded if model.provenance.observations_sha256 == sha256]
     notes = list(scores.remarks)
@@ -86,23 +79,6 @@ def evaluate_command(
         notes=tuple(notes),
         files=written,
     )
-
-
-def _with_chains(models: list[Predictor]) -> list[Predictor]:
-    """Add what quality models that read brightness say after the exposure-time model given."""
-    exposure = [
-        each
-        for each in models
-        if each.target == "exposure_ms" and not isinstance(each, RadianceModel)
-    ]
-    if len(exposure) != 1:
-        return models
-    chains = [
-        ChainedQuality.of(each, exposure[0])
-        for each in models
-        if each.target == "p_norm" and not isinstance(each, WindowModel)
-    ]
-    return [*models, *chains]
 
 
 def _checked(files: tuple[Path, ...]) -> tuple[Path, ...]:

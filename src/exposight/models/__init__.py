@@ -1,6 +1,6 @@
 """Rows to predictors: the contract, the paper's quality and exposure-time models, their files."""
 
-from exposight.models.evaluation import Evaluation, evaluate, unit_remarks
+from exposight.models.evaluation import Evaluation, ProbabilityScore, evaluate, unit_remarks
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.model_file import MODEL_SUFFIX, is_model_file, load_model, save_model
 from exposight.models.prediction import Prediction

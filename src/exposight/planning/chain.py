@@ -101,6 +101,29 @@ def _with_brightness(frame: pl.DataFrame, grey: NDArray[np.float64]) -> pl.DataF
     return frame.with_columns(pl.Series(name, grey) for name in _BRIGHTNESS)
 
 
+def with_chains(models: Sequence[Predictor]) -> list[Predictor]:
+    """Add to models what each one that reads brightness says after the exposure-time model.
+
+    Nothing is added where there is not one exposure-time model of its kind; the default models need
+    no such chain.
+    """
+    exposure = [
+        each
+        for each in models
+        if each.target == "exposure_ms" and not isinstance(each, RadianceModel)
+    ]
+    if len(exposure) != 1:
+        return list(models)
+    return [
+        *models,
+        *(
+            ChainedQuality.of(each, exposure[0])
+            for each in models
+            if each.target == "p_norm" and {*_BRIGHTNESS} & {*each.inputs}
+        ),
+    ]
+
+
 def chained_forecast(
     quality: Predictor,
     exposure: Predictor,

@@ -13,6 +13,7 @@ from exposight.observing import ObservationTable, observe_campaign, read_observa
 from exposight.report import campaign_summary, model_figures, pictures, shown_view
 from exposight.report.palette import CLIPPED, NO_POINT, P_NORM_SCALE
 from exposight.report.part_plot import PartMesh, part_plot, read_part_mesh
+from exposight.report.reliability_figure import reliability_picture
 from exposight.report.rendering import render_page, rounded
 from exposight.workers import Progress, ignore_progress
 
@@ -91,6 +92,9 @@ class CampaignReport:
                 for target in _TARGETS
                 if (plot := model_figures.prediction_plot(self.results, target)) is not None
             ],
+            reliability=reliability_picture([each.evaluation for each in self.results])
+            if self.results
+            else None,
             colours=P_NORM_SCALE,
             clipped=CLIPPED,
             missing=NO_POINT,

@@ -6,14 +6,16 @@ Everything is computed here, once; the page only words and draws it.
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
-from exposight.models import P_NORM_MIN, Evaluation, Predictor, evaluate
+from exposight.models import P_NORM_MIN, Evaluation, Predictor, ProbabilityScore, evaluate
 from exposight.observing import ObservationTable
+from exposight.planning import with_chains
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,6 +170,11 @@ class ModelResult:
         """The model's name."""
         return self.model.name
 
+    @cached_property
+    def probability(self) -> ProbabilityScore:
+        """Scores of its predicted distributions on all rows of `evaluation`."""
+        return self.evaluation.probability_score(self.evaluation.selections["all"])
+
 
 def evaluate_models(
     models: Sequence[Predictor], table: ObservationTable, unseen: Collection[str] = ()
@@ -183,6 +190,8 @@ def evaluate_models(
     unseen : collection of str
         Features that the models have not seen: they are evaluated on these, and apart on all
         others, which trained them. Without any they are evaluated on the whole table.
+
+    The paper's models are evaluated one after the other, too (`with_chains`).
     """
     apart = np.isin(table.names("feature"), list(unseen))
     held_out = table.where(apart) if unseen else table
@@ -193,5 +202,5 @@ def evaluate_models(
             evaluation=evaluate(model, held_out),
             training=None if known is None else evaluate(model, known),
         )
-        for model in models
+        for model in with_chains(models)
     )

@@ -222,7 +222,9 @@ def _new_view(
     sensor, part = campaign.sensor, campaign.part
     pairs = shown_view.forecasting_models(models)
     progress("forecasting a new view", 0, 1)
-    plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=())
+    # shares of views that are aligned by kinematics alone are of the campaign's planes
+    settings = {name: each for name, each in plan.simulated.items() if name != "kinematic_share"}
+    plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=(), simulated=settings)
     (planned,) = plan.views(part)
     pose = SimulatedCell.for_plan(plan).reported_pose(planned.camera_from_part, planned.name)
     view = View.of(part, sensor, pose, name=planned.name)

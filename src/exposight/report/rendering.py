@@ -21,6 +21,7 @@ from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from exposight import __version__
+from exposight.planning import DEFAULT_MODELS
 from exposight.quantities import QUANTITIES, quantity
 from exposight.tables import NO_VALUE, count
 
@@ -114,8 +115,13 @@ def whole(value: int | None) -> Number:
 def model_name(name: str) -> Markup:
     """Return a model's name as the paper prints it, in HTML that plotly's texts take, too.
 
-    Unknown names stay as they are.
+    The default models' names are set in italics; unknown ones stay as they are. Of models one after
+    the other, ``q_k1+e_k6``, each is written so.
     """
+    if name in DEFAULT_MODELS:
+        return Markup("<i>{}</i>").format(name)
+    if "+" in name:
+        return Markup(" + ").join(map(model_name, name.split("+")))
     parts = _MODEL_NAME.fullmatch(name)
     if parts is None:
         return escape(name)
