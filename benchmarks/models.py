@@ -25,7 +25,7 @@ from rich.table import Table
 
 from benchmarks import models_few, models_learnt
 from benchmarks.measuring import best_of, say
-from benchmarks.models_campaigns import CONDITIONS, SEEDS, WORKERS, skull, tables
+from benchmarks.models_campaigns import SEEDS, WORKERS, everything, skull
 from benchmarks.models_scores import Figures, Measured
 from exposight.models import train_window
 from exposight.workers import LocalProcesses
@@ -195,10 +195,11 @@ def show(title: str, figures: Figures) -> None:
 
 def main() -> None:
     """Measure and train what is not kept, carry out all sections, print tables and the JSON."""
-    for seed in SEEDS:
-        for condition in CONDITIONS:
-            tables(condition, seed)
+    for _ in everything():
+        pass
     skull()
+    say("training the paper's models")
+    models_learnt.train_papers(SEEDS, WORKERS)
     say("timing")
     results = [speed()]
     tasks = [(name, seed) for name in SECTIONS for seed in SEEDS]

@@ -6,6 +6,7 @@ exposure time alone, for random new views; of unseen features unless the name sa
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
@@ -23,6 +24,7 @@ from benchmarks.models_scores import (
     Measured,
     PaperModels,
     exposure_figures,
+    keep_paper_models,
     model_guess,
     one_exposure_per_view,
     p_norm,
@@ -69,6 +71,17 @@ def learnt(name: str, seed: int) -> WindowModel:
 def papers(name: str, seed: int) -> PaperModels:
     """Return the paper's models of a condition's training campaign."""
     return paper_models(observed(name, seed).train, condition(name).sensor)
+
+
+def train_papers(seeds: Iterable[int], workers: int) -> None:
+    """Train and keep the paper's models of all conditions, several at a time."""
+    conditions = ("bare", "one_image", *FINISHES, "stereo")
+    campaigns = [
+        (observed(name, seed).train, condition(name).sensor)
+        for name in conditions
+        for seed in seeds
+    ]
+    keep_paper_models(campaigns, workers=workers)
 
 
 def unseen_rows(name: str, seed: int) -> ObservationTable:

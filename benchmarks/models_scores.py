@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
@@ -248,25 +248,30 @@ def _interpolated(table: Floats, ring: NDArray[np.int64], brightness: Floats) ->
     return np.asarray(below + share * (above - below))
 
 
-def paper_models(
-    table: ObservationTable,
-    sensor: ActiveSensor,
-    *,
-    names: Sequence[str] = PAPER,
-    workers: int = 1,
-) -> PaperModels:
+def paper_models(table: ObservationTable, sensor: ActiveSensor) -> PaperModels:
     """Return the paper's models of a table, trained where they are not kept."""
-    settings: dict[str, Any] = {
-        "table": table,
-        "seed": 1,
-        "source_sha256": table_checksum(table),
-        "sensor": sensor,
-        "restarts": 1,
-        "committee_rows": None,
-    }
-    trainings = [Training(specification=model_named(name), **settings) for name in names]
-    trained = train_or_read(trainings, kept_folder(), workers=workers, progress=ignore_progress)
-    return PaperModels(models=dict(zip(names, trained, strict=True)))
+    trained = keep_paper_models([(table, sensor)], workers=1)
+    return PaperModels(models=dict(zip(PAPER, trained, strict=True)))
+
+
+def keep_paper_models(
+    campaigns: Sequence[tuple[ObservationTable, ActiveSensor]], *, workers: int
+) -> tuple[GaussianProcessModel, ...]:
+    """Train the paper's models of several tables where they are not kept, and return them."""
+    trainings = [
+        Training(
+            specification=model_named(name),
+            table=table,
+            seed=1,
+            source_sha256=table_checksum(table),
+            sensor=sensor,
+            restarts=1,
+            committee_rows=None,
+        )
+        for table, sensor in campaigns
+        for name in PAPER
+    ]
+    return train_or_read(trainings, kept_folder(), workers=workers, progress=ignore_progress)
 
 
 # -- what the sections of the benchmark hand over ---------------------------------------------
