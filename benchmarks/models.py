@@ -2,7 +2,7 @@
 
 Run with ``make bench NAME=models``. The simulated campaigns (`benchmarks.models_campaigns`, three
 seeds each) are measured and the paper's models are trained where exposight's cache does not have
-them, which takes half an hour on two cores; else it takes some ten minutes. Both kinds of model
+them, which takes half an hour on two cores; else it takes some four minutes. Both kinds of model
 learn from the same captures and predict the same rows, from pose and exposure time alone; where a
 figure needs the paper's two models, e_k6 gives the brightness that q_k1 or q_k4 judges, and the
 best of these stands beside ours. Figures are medians over the seeds. With the cell as it is, the
