@@ -117,9 +117,10 @@ class ResponseCurve:
             best_std=zero,
         )
 
-    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
+    def tables(self, points: Points, variance: FloatArray) -> Tables:
         """Tabulate the curve, and its mean over an uncertain ln L, for n rings."""
-        grid = regular_grid(low, high)
+        margin = 3.0 * float(np.sqrt(variance.max(initial=0.0))) + 0.1
+        grid = regular_grid(self.span[0] - margin, self.span[1] + margin)
         sharp = np.tile(np.interp(grid, self.grid, self.values), (len(points.best), 1))
         nodes, weights = np.polynomial.hermite_e.hermegauss(9)
         at = grid + np.sqrt(variance)[:, None, None] * nodes[:, None]

@@ -25,8 +25,6 @@ from exposight.models.window import Points, Response, Tables
 FloatArray: TypeAlias = NDArray[np.float64]
 
 _TWO_SIGMA = 2.0
-_REACH = 1.2
-"""ln of brightness beyond the asked exposure times in which windows are looked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,12 +86,7 @@ class RingForecast:
 
     @cached_property
     def _tables(self) -> Tables:
-        logs = np.log(self.exposures_ms)
-        margin = _REACH + 3.0 * float(self.std.max(initial=0.0))
-        first, last = self.window.span
-        low = min(float(self.mean.min() + logs.min()) - margin, first - _REACH)
-        high = max(float(self.mean.max() + logs.max()) + margin, last + 0.3)
-        return self.window.tables(self.points, low, high, np.diagonal(self.covariance))
+        return self.window.tables(self.points, np.diagonal(self.covariance))
 
     @cached_property
     def _top(self) -> NDArray[np.int64]:

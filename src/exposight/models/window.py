@@ -33,6 +33,9 @@ _SPAN_MM = 200.0
 """Scale of positions in the quadratics."""
 
 
+_CUT = 5.0
+"""Standard deviations beyond which a normal edge is over."""
+
 _ALIKE = 0.01
 """Scatter of q from ring to ring that makes no difference."""
 
@@ -99,8 +102,8 @@ class Response(Protocol):
     def points(self, model: LogRadiance, rings: Rings, light: RingLight | None) -> Points:
         """Return the points of n rings as the radiance model sees them, lit as `light` says."""
 
-    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
-        """Tabulate the quality from one ln(L·t) to another; `variance` is that of ln L, (n,)."""
+    def tables(self, points: Points, variance: FloatArray) -> Tables:
+        """Tabulate the quality wherever it changes; `variance` is that of ln L, (n,)."""
 
     def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
         """Add z standard deviations of the scatter to values, (n, m)."""
@@ -161,19 +164,21 @@ class Window:
         """The two edges, ln."""
         return self.log_low, self.log_high
 
-    def tables(self, points: Points, low: float, high: float, variance: FloatArray) -> Tables:
+    def tables(self, points: Points, variance: FloatArray) -> Tables:
         """Tabulate p_norm of n rings (`Response.tables`)."""
-        grid = regular_grid(low, high)
         weight, best = np.ascontiguousarray(points.weight), points.best[:, None]
-        edges = (
-            (self.log_high - points.high, points.width_high, points.shift_high),
-            (self.log_low - points.low, points.width_low, points.shift_low),
-        )
-        sharp = [_tabulate(grid, at, weight, width) for at, width, _ in edges]
-        mean = [
-            _tabulate(grid, at, weight, np.sqrt(width**2 + shift**2 + variance))
-            for at, width, shift in edges
+        at = self.log_high - points.high, self.log_low - points.low
+        width = points.width_high, points.width_low
+        wide = [
+            np.sqrt(each**2 + shift**2 + variance)
+            for each, shift in zip(width, (points.shift_high, points.shift_low), strict=True)
         ]
+        lit = weight > 0.0
+        low = (at[1] - _CUT * wide[1][:, None]).min(initial=1.0, where=lit)
+        high = (at[0] + _CUT * wide[0][:, None]).max(initial=2.0, where=lit)
+        grid = regular_grid(float(low), float(high))
+        sharp = [_tabulate(grid, *each) for each in zip(at, (weight,) * 2, width, strict=True)]
+        mean = [_tabulate(grid, *each) for each in zip(at, (weight,) * 2, wide, strict=True)]
         return Tables(
             grid=grid,
             sharp=np.maximum(sharp[0] - sharp[1], 0.0) * best,
@@ -241,7 +246,7 @@ def place_and_size(rings: Rings) -> FloatArray:
 
 
 _NORMAL_STEP = 1.0 / 128.0
-_NORMAL = ndtr(np.arange(-5.0, 5.0 + 2 * _NORMAL_STEP, _NORMAL_STEP))
+_NORMAL = ndtr(np.arange(-_CUT, _CUT + 2 * _NORMAL_STEP, _NORMAL_STEP))
 """Φ at steps fine enough to be linear between: within 2e-6."""
 
 
@@ -257,11 +262,11 @@ def _tabulate(
     for i in range(n):
         whole = np.zeros(g + 1)
         for j in range(k):
-            first = int(np.ceil((at[i, j] - 5.0 * width[i] - grid[0]) / step))
-            last = int(np.floor((at[i, j] + 5.0 * width[i] - grid[0]) / step)) + 1
+            first = int(np.ceil((at[i, j] - _CUT * width[i] - grid[0]) / step))
+            last = int(np.floor((at[i, j] + _CUT * width[i] - grid[0]) / step)) + 1
             first, last = max(0, min(first, g)), max(0, min(last, g))
             whole[first] += weight[i, j]
-            z = (at[i, j] - grid[0] - first * step) / width[i] + 5.0
+            z = (at[i, j] - grid[0] - first * step) / width[i] + _CUT
             for m in range(first, last):
                 place = z / _NORMAL_STEP
                 cell = int(place)
