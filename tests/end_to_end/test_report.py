@@ -8,7 +8,7 @@ def test_it_writes_a_page(source, request, models, tmp_path, run_json):
     files = sorted(models.iterdir())
     told = run_json("report", request.getfixturevalue(source), *files, "-o", tmp_path / "page")
     assert told["observations"] == 234
-    assert [line["model"] for line in told["scores"]] == ["e_k4", "q_k4"]
+    assert [line["model"] for line in told["scores"]] == ["e_k4", "q_k4", "q_k4+e_k4"]
     (file,) = told["files"]
     assert file == {"kind": "report", "path": str(tmp_path / "page/report.html"), "replaced": False}
     assert "q_k4" in (tmp_path / "page" / "report.html").read_text("utf-8")

@@ -8,7 +8,7 @@ from exposight.errors import InputError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.models import evaluate, model_named, save_model
 from exposight.observing import Observation, ObservationTable, View
-from exposight.planning import SensorModels, train
+from exposight.planning import ChainedQuality, SensorModels, train
 
 SENSOR = sensor_preset("comet-pro-ae")
 
@@ -117,3 +117,13 @@ def test_models_of_the_wrong_targets_are_refused(models):
         SensorModels(quality=models.exposure, exposure=models.quality)
     with pytest.raises(InputError, match="one model that predicts p_norm and one"):
         train(observations(20, seed=1), models=("q_k1", model_named("q_k2")))
+
+
+def test_the_black_level_of_the_chain_is_that_of_its_training_data(world):
+    # in this world every image has 10 grey levels more than light gives
+    lifted = world.frame.with_columns(i_avg=(world.frame["i_avg"] + 10.0).clip(upper_bound=255.0))
+    pair = train(ObservationTable(frame=lifted), models=("q_k1", "e_k4"), restarts=1)
+    chain = ChainedQuality.of(pair.quality, pair.exposure)
+    assert chain.black_level == pytest.approx(10.0, abs=0.5)
+    without_place = train(ObservationTable(frame=lifted), models=("q_k1", "e_k1"), restarts=1)
+    assert ChainedQuality.of(without_place.quality, without_place.exposure).black_level == 0.0

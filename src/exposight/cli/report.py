@@ -25,7 +25,7 @@ def report_command(
 
     For example:
 
-        exposight report door models/q_k4.exposight-model models/e_k6.exposight-model -o door-report
+        exposight report door models/quality.exposight-model -o door-report
 
     Parameters
     ----------

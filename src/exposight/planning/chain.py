@@ -1,8 +1,9 @@
 """The paper's two models one after the other: quality from pose and exposure time alone.
 
 The exposure-time model tells at which exposure time a feature reaches a wanted brightness; a camera
-is linear until it clips (EMVA 1288), so the brightness at any other time follows in proportion, and
-the quality model tells what to expect of it. The exposure-time model's uncertainty is carried on:
+is linear until it clips (EMVA 1288), so the brightness above the black level is in proportion to
+the time, and the quality model tells what to expect of it. The paper's models know no black level;
+it follows from what the exposure-time model was trained on. That model's uncertainty is carried on:
 the quality is averaged over the brightness that it may lead to (Gauss–Hermite quadrature).
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -17,11 +19,18 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX
-from exposight.models import Prediction, Predictor, RadianceModel
+from exposight.models import (
+    GaussianProcessModel,
+    Prediction,
+    Predictor,
+    RadianceModel,
+    black_level_of,
+)
 from exposight.planning.forecasts import BAND, WANTED_BRIGHTNESS, FloatArray, Forecast
 from exposight.quantities import QUANTITIES
 
 _BRIGHTNESS = ("i_avg", "i_mean")
+_PLACE = ("x_mm", "y_mm", "z_mm")
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _MIDDLE = len(_NODES) // 2
@@ -62,6 +71,19 @@ class ChainedQuality(Predictor):
             exposure=exposure,
         )
 
+    @cached_property
+    def black_level(self) -> float:
+        """Brightness without light, grey levels; 0 where the exposure-time model cannot tell it."""
+        model = self.exposure
+        if isinstance(model, RadianceModel):
+            return model.black_level
+        if not isinstance(model, GaussianProcessModel) or not {"i_avg", *_PLACE} <= {*model.inputs}:
+            return 0.0
+        data = model.training_data
+        poses = np.stack([data[name] for name in model.inputs if name != "i_avg"], axis=1)
+        _, ring = np.unique(poses, axis=0, return_inverse=True)
+        return black_level_of(ring.ravel(), data["i_avg"], data["exposure_ms"]) or 0.0
+
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame with `inputs`."""
         return self._predict(frame)[0]
@@ -82,7 +104,9 @@ class ChainedQuality(Predictor):
         nodes_ms = np.maximum(
             wanted.mean[:, None] + wanted.std[:, None] * _NODES, times_ms[:, None] / _LONGEST
         )
-        brightness = np.minimum(WANTED_BRIGHTNESS * times_ms[:, None] / nodes_ms, GREY_MAX)
+        black = self.black_level
+        above = (WANTED_BRIGHTNESS - black) * times_ms[:, None] / nodes_ms
+        brightness = np.minimum(black + above, GREY_MAX)
         repeated = frame[np.repeat(np.arange(frame.height), len(_NODES))]
         predicted = self.quality.predict(_with_brightness(repeated, brightness.ravel()))
         mean, std = (values.reshape(brightness.shape) for values in (predicted.mean, predicted.std))

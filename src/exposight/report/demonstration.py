@@ -292,7 +292,7 @@ def _report(
             "view_words": "the new view",
             "view_title": "A new view, at three exposure times",
             "trained": trained,
-            "example": _example(view, unseen),
+            "example": _example(view),
             "command": "exposight demo"
             + ("" if plan.name == DemonstrationSettings().plan.name else " --quick")
             + f" --seed {settings.seed}",
@@ -300,15 +300,13 @@ def _report(
     )
 
 
-def _example(view: shown_view.ShownView, unseen: frozenset[str]) -> dict[str, object]:
-    """Return what both pairs of models say of the unseen feature that the paper's know least of."""
+def _example(view: shown_view.ShownView) -> dict[str, object]:
+    """Return what both pairs say at the chosen time where the paper's know least."""
     ours, paper = (forecast.taken for forecast in view.forecasts)
-    width = paper.p_norm_high - paper.p_norm_low
-    rows = [i for i, name in enumerate(view.features) if name in unseen]
-    row = max(rows or range(len(view.features)), key=lambda i: float(width[i, view.main]))
-    place = row, view.main
+    width = (paper.p_norm_high - paper.p_norm_low)[:, view.main]
+    place = int(width.argmax()), view.main
     return {
-        "feature": view.features[row],
+        "feature": view.features[place[0]],
         "exposure_ms": view.exposures_ms[view.main],
         "measured": float(view.p_norm[place]),
         **{
