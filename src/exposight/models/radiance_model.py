@@ -168,8 +168,10 @@ class RadianceModel(Predictor):
         ring = np.empty(frame.height, dtype=np.int64)
         first = []
         names = []
+        rows = np.ascontiguousarray(np.hstack([poses, turns]))
+        where = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
         for row, (feature, view, part) in enumerate(zip(features, views, parts, strict=True)):
-            key = (feature, view, part, poses[row].tobytes(), turns[row].tobytes())
+            key = (feature, view, part, where[row])
             if key not in place:
                 place[key] = len(place)
                 first.append(row)

@@ -252,21 +252,7 @@ class RingLight:
         (2, n, k) ndarray
             With respect to s and α.
         """
-        light, view, half = np.moveaxis(self.cosines, 2, 0)
-        alpha2 = roughness * roughness
-        bracket = half * half * (alpha2 - 1.0) + 1.0
-        from_view = np.sqrt(view * view * (1.0 - alpha2) + alpha2)
-        from_light = np.sqrt(light * light * (1.0 - alpha2) + alpha2)
-        masking = light * from_view + view * from_light
-        lobe = np.exp(log_ratio) * alpha2 / (np.pi * bracket * bracket) * 0.5 / masking
-        total = 1.0 / np.pi + lobe
-        slope = 2.0 / roughness - 4.0 * roughness * half * half / bracket
-        slope -= (
-            light * roughness * (1.0 - view * view) / from_view
-            + view * roughness * (1.0 - light * light) / from_light
-        ) / masking
-        share = lobe / total
-        return np.log(total) + self.log_falloff, np.stack([share, share * slope])
+        return _lobe(self.cosines, self.log_falloff, log_ratio, roughness)
 
 
 def log_mean(log_values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -288,6 +274,34 @@ def _axes(turns: NDArray[np.float64]) -> NDArray[np.float64]:
         np.cos(p) * np.sin(w),
     )
     return np.ascontiguousarray(np.stack([*x_axis, *y_axis], axis=1))
+
+
+@njit()
+def _lobe(
+    cosines: NDArray[np.float64], log_falloff: NDArray[np.float64], s: float, alpha: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # pragma: no cover - compiled
+    """Return ln R and its derivatives by s and α (`RingLight.log_radiance`)."""
+    n, k = log_falloff.shape
+    values, slopes = np.empty((n, k)), np.empty((2, n, k))
+    ratio, alpha2 = np.exp(s), alpha * alpha
+    for i in range(n):
+        for j in range(k):
+            light, view, half = cosines[i, j]
+            bracket = half * half * (alpha2 - 1.0) + 1.0
+            from_view = np.sqrt(view * view * (1.0 - alpha2) + alpha2)
+            from_light = np.sqrt(light * light * (1.0 - alpha2) + alpha2)
+            masking = light * from_view + view * from_light
+            lobe = ratio * alpha2 / (np.pi * bracket * bracket) * 0.5 / masking
+            slope = 2.0 / alpha - 4.0 * alpha * half * half / bracket
+            slope -= (
+                light * alpha * (1.0 - view * view) / from_view
+                + view * alpha * (1.0 - light * light) / from_light
+            ) / masking
+            total = 1.0 / np.pi + lobe
+            values[i, j] = np.log(total) + log_falloff[i, j]
+            slopes[0, i, j] = lobe / total
+            slopes[1, i, j] = slope * lobe / total
+    return values, slopes
 
 
 @njit(fastmath=True)

@@ -33,7 +33,7 @@ _SPAN_MM = 200.0
 """Scale of positions in the quadratics."""
 
 
-_CUT = 5.0
+_CUT = 4.5
 """Standard deviations beyond which a normal edge is over."""
 
 _ALIKE = 0.01
