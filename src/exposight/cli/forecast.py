@@ -8,7 +8,7 @@ import polars as pl
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
-from exposight.cell import Part, read_features, sensor_named_or_read
+from exposight.cell import MemoryCampaign, Part, read_features, sensor_named_or_read
 from exposight.cli.app import UsageError
 from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.pose import PoseOptions
@@ -19,6 +19,7 @@ from exposight.observing import (
     Campaign,
     ObservationTable,
     View,
+    observe_campaign,
     open_campaign,
     read_observations,
 )
@@ -140,7 +141,7 @@ def forecast_command(
         reasons = {feature.visibility.value for feature in view.features}
         msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
         raise InputError(msg)
-    observed = None if trial is None else _trial(trial)
+    observed = None if trial is None else _trial(trial, view.name)
     forecast = sensor_models.forecast(view, exposures_ms, trial=observed, need=need)
     if csv is not None:
         forecast.write(csv)
@@ -173,11 +174,20 @@ def forecast_command(
     )
 
 
-def _trial(path: Path) -> ObservationTable:
-    """Return what a table or a campaign shows of a view."""
-    if (path / "campaign.json").is_file():
-        return open_campaign(path).observe()
-    return read_observations(path)
+def _trial(path: Path, view: str) -> ObservationTable:
+    """Return what a table or a campaign shows; of a campaign that view alone, if it has a name."""
+    if not (path / "campaign.json").is_file():
+        return read_observations(path)
+    campaign = open_campaign(path)
+    if not view:
+        return campaign.observe()
+    keys = zip(campaign.numbers, campaign.keys(), strict=True)
+    captures = [campaign.capture(number) for number, key in keys if key.view == view]
+    return observe_campaign(
+        MemoryCampaign(
+            name=campaign.name, sensor=campaign.sensor, part=campaign.part, captures=captures
+        )
+    )
 
 
 def _view_named(campaign: Campaign, name: str) -> View:
