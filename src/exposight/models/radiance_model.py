@@ -24,6 +24,7 @@ from exposight.models.predictor import (
 )
 from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
 from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings, check_places
+from exposight.models.specification import P_NORM_MIN
 from exposight.observing import ObservationTable
 from exposight.tables import counted
 
@@ -32,10 +33,8 @@ FloatArray: TypeAlias = NDArray[np.float64]
 QUALITY, EXPOSURE = "quality", "exposure"
 """Names of the two default models."""
 
-P_NORM_NEED = 0.75
-"""Quality from which a point cloud serves (Sect. 3.4.1 of the paper)."""
-
 _NAMES = ("feature", "view")
+
 FAR = 1.0
 """Learnt length scales beyond which nothing was learnt."""
 
@@ -235,7 +234,7 @@ class RadianceModel(Predictor):
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the measured rows of sufficient quality whose brightness is not clipped."""
-        rows = table.measured().with_quality(P_NORM_NEED)
+        rows = table.measured().with_quality(P_NORM_MIN)
         bright = rows.frame[self.brightness].fill_null(0.0) > self.black_level + 1.0
         return rows.where(bright & pl.Series(clipped_share(rows.frame) <= FEW_CLIPPED))
 

@@ -20,13 +20,13 @@ from exposight.models.predictor import (
 )
 from exposight.models.radiance_model import (
     CHUNK,
-    P_NORM_NEED,
     RadianceModel,
     far_away,
 )
 from exposight.models.response_curve import ResponseCurve
 from exposight.models.ring_forecast import RingForecast
 from exposight.models.ring_light import Rings
+from exposight.models.specification import P_NORM_MIN
 from exposight.models.trial import with_trial
 from exposight.models.window import Window
 from exposight.observing import ObservationTable
@@ -97,9 +97,7 @@ class WindowModel(Predictor):
         frame = self._inputs(data, {})
         return np.stack(self._by_row(frame, lambda forecast: tuple(map(forecast.quantile, levels))))
 
-    def chance(
-        self, data: ObservationTable | pl.DataFrame, need: float = P_NORM_NEED
-    ) -> FloatArray:
+    def chance(self, data: ObservationTable | pl.DataFrame, need: float = P_NORM_MIN) -> FloatArray:
         """Return the chance that p_norm reaches a value, (n,)."""
         frame = self._inputs(data, {})
         return self._by_row(frame, lambda forecast: (forecast.chance_of(need),))[0]
@@ -111,7 +109,7 @@ class WindowModel(Predictor):
         reasons: list[str] = []
         for start in range(0, len(rings), CHUNK):
             some = rings.take(range(start, min(start + CHUNK, len(rings))))
-            reasons += self._forecast(some, np.ones(1), P_NORM_NEED, frame).unknown
+            reasons += self._forecast(some, np.ones(1), P_NORM_MIN, frame).unknown
         return tuple(reasons[place] for place in ring)
 
     def _by_row(self, frame: pl.DataFrame, read: Any) -> list[FloatArray]:
@@ -122,7 +120,7 @@ class WindowModel(Predictor):
             some = range(start, min(start + CHUNK, len(rings)))
             rows = np.flatnonzero((ring >= start) & (ring < start + CHUNK))
             times, place = np.unique(exposure_ms[rows], return_inverse=True)
-            forecast = self._forecast(rings.take(some), times, P_NORM_NEED, frame)
+            forecast = self._forecast(rings.take(some), times, P_NORM_MIN, frame)
             for i, values in enumerate(read(forecast)):
                 if start == 0:
                     out.append(np.empty(len(exposure_ms)))
@@ -149,7 +147,7 @@ class WindowModel(Predictor):
         trial : ObservationTable, optional
             Captures of these views, at any exposure times.
         need : float, optional
-            Quality that is asked for; of p_norm `P_NORM_NEED` by default.
+            Quality that is asked for; of p_norm `P_NORM_MIN` by default.
 
         Raises
         ------
@@ -168,7 +166,7 @@ class WindowModel(Predictor):
         if need is None and self.target != "p_norm":
             msg = f"say which {self.target} is needed, in {self.unit}"
             raise InputError(msg)
-        need = P_NORM_NEED if need is None else need
+        need = P_NORM_MIN if need is None else need
         unique, _ = self.radiance.rings(rings)
         if len(unique) != rings.height:
             msg = f"the same ring twice among {rings.height}; give each feature and view once"
