@@ -375,6 +375,47 @@ def test_one_image_alone_is_said_to_scatter() -> None:
     assert any("i_avg" in note for note in model.notes)
 
 
+def test_captures_that_contradict_themselves_are_refused() -> None:
+    twice = ObservationTable.concat([observed(), observed(level=12.5)])
+    with pytest.raises(ObservationError, match="contradict themselves"):
+        train_window(twice, sensor=SENSOR)
+
+
+def test_new_captures_of_another_surface_are_not_learnt(model: WindowModel) -> None:
+    other = observed(views=2, seed=5, level=12.5, places="new-{}")
+    with pytest.raises(ObservationError, match="not the surface"):
+        model.with_observations(other)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("exposure_ms", 0.0), ("exposure_ms", -3.0), ("radius_mm", -5.0)]
+)
+def test_values_that_cannot_be_are_refused(model: WindowModel, column: str, value: float) -> None:
+    frame = observed(views=1).frame.with_columns(pl.lit(value).alias(column))
+    with pytest.raises(ObservationError, match=column):
+        model.predict(frame)
+
+
+def test_a_sensor_with_another_tcp_is_refused() -> None:
+    moved = changed(observed(), tcp=pl.lit("0 0 500 0 0 0"))
+    with pytest.raises(ObservationError, match="TCP frame at '0 0 500"):
+        train_window(moved, sensor=SENSOR)
+
+
+def test_nothing_is_kept_of_another_sensor_and_another_finish(model: WindowModel) -> None:
+    other = observed(sensor=replace(SENSOR, name="another"), finish="primer")
+    with pytest.raises(InputError, match="nothing to keep"):
+        train_window(other, sensor=replace(SENSOR, name="another"), start_from=model)
+
+
+def test_a_need_within_the_scatter_of_the_best_is_neither_sure_nor_hopeless(
+    model: WindowModel, unseen: ObservationTable
+) -> None:
+    forecast = model.forecast(rings_of(unseen), TIMES)
+    best = float(forecast.points.best.mean())
+    assert 0.2 < np.median(forecast.chance_of(best).max(axis=1)) < 0.8
+
+
 def test_two_campaigns_whose_views_share_names_are_refused() -> None:
     both = ObservationTable.concat([observed(), observed(seed=4)])
     with pytest.raises(ObservationError, match="several poses in view 'v0'"):

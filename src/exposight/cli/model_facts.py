@@ -56,7 +56,10 @@ def model_facts(
                 "limits",
                 {"modulation": low, "above_black": high},
                 f"points from {number(low, 3)} grey levels of modulation on, up to "
-                f"{number(high, 3)} grey levels above black in the brightest frame",
+                f"{number(high, 3)} grey levels above black in the brightest frame"
+                if radiance.brightness != "i_avg"
+                else f"points between {number(low, 3)} and {number(high, 3)} grey levels of i_avg "
+                "above black",
             )
         )
     if formula.kind != "none":

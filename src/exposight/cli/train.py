@@ -25,6 +25,7 @@ from exposight.models import (
     Predictor,
     RadianceModel,
     WindowModel,
+    keeps_limits,
     load_model,
     model_named,
     save_model,
@@ -149,7 +150,7 @@ def train_command(
     if default:
         facts += model_facts(quality, table)
         tables.append(left_out_table(quality.radiance))
-    if known is not None:
+    if known is not None and keeps_limits(known.radiance, quality.sensor, quality.radiance.origin):
         low, high = known.limits
         text = (
             f"{number(low, 3)} and {number(high, 3)} grey levels, the sensor's limits of "

@@ -16,7 +16,7 @@ from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
 from exposight.models.ring_data import black_level_of
 from exposight.models.ring_forecast import RingForecast, best_exposure
-from exposight.models.ring_training import train_response, train_window
+from exposight.models.ring_training import keeps_limits, train_response, train_window
 from exposight.models.specification import (
     EXPOSURE_TIME_MODELS,
     I_AVG_MIN,

@@ -12,6 +12,7 @@ limits, by expectation propagation (Minka 2001).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
+from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from exposight.cell import ActiveSensor
@@ -48,6 +50,12 @@ from exposight.models.ring_light import RingLight, Rings
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
+
+SURPRISE = 1e-5
+"""Chance below which brightness is not that of the surface that was learnt."""
+
+SOFT_STD = 0.015
+"""ln of brightness from one capture to the next: noise, rounding."""
 
 SAME_PLACE_MM = 1.0
 """By how much poses of one view may differ: they are read back, or aligned, anew."""
@@ -235,6 +243,22 @@ class LogRadiance:
         process = self.process.with_observations(x, target, row_noise=data.variance[known])
         model = replace(self, process=process, features=features, views=views)
         return replace(model, widening=model._widening())
+
+    def surprise(self, data: RingData) -> float | None:
+        """Return how many times as bright as expected rings are; None where that can be.
+
+        Judged jointly, by what is uncertain of their radiance (chance below 1 in 100 000).
+        """
+        known = np.flatnonzero(data.limit == 0)
+        if len(known) == 0:
+            return None
+        prediction = self.predict(data.rings.take(known))
+        error = data.log_radiance[known] - prediction.mean
+        within = prediction.covariance + np.diag(data.variance[known] + SOFT_STD**2)
+        squared = float(error @ np.linalg.solve(within, error))
+        if float(chi2.sf(squared, len(known))) >= SURPRISE:
+            return None
+        return math.exp(float(np.median(error)))
 
     @cached_property
     def _places(self) -> dict[tuple[str, str], FloatArray]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.gp import GaussianProcess, kernel_from_dict
+from exposight.models.evaluation import check_exposures
 from exposight.models.log_radiance import Formula, LogRadiance
 from exposight.models.origin import ORIGIN_COLUMNS, Origin
 from exposight.models.prediction import Prediction
@@ -154,6 +155,12 @@ class RadianceModel(Predictor):
         poses = np.stack([frame[name].to_numpy() for name in POSE_COLUMNS], axis=1)
         if poses.dtype != np.float64 or not np.isfinite(poses).all():
             poses = input_array(self.name, frame.select(POSE_COLUMNS))  # names what is wrong
+        if (poses[:, 5] < 0.0).any():
+            row = int(np.argmin(poses[:, 5]))
+            msg = (
+                f"{self.name}: radius_mm must be at least 0, got {poses[row, 5]:g} in row {row + 1}"
+            )
+            raise ObservationError(msg)
         turns = np.zeros((frame.height, len(TURN_COLUMNS)))
         for column, name in enumerate(TURN_COLUMNS):
             if name in frame.columns:
@@ -233,7 +240,19 @@ class RadianceModel(Predictor):
         return tuple(notes)
 
     def rows(self, table: ObservationTable) -> ObservationTable:
-        """Return the measured rows of sufficient quality whose brightness is not clipped."""
+        """Return the measured rows of sufficient quality whose brightness is not clipped.
+
+        Raises
+        ------
+        ObservationError
+            If no row has the brightness that the model reads.
+        """
+        if len(table) and table.frame[self.brightness].null_count() == len(table):
+            msg = (
+                f"{self.name} reads {self.brightness}, which no row of the table has: its captures "
+                "were kept without frame stack or texture image; observe others, or train on i_avg"
+            )
+            raise ObservationError(msg)
         rows = table.measured().with_quality(P_NORM_MIN)
         bright = rows.frame[self.brightness].fill_null(0.0) > self.black_level + 1.0
         return rows.where(bright & pl.Series(clipped_share(rows.frame) <= FEW_CLIPPED))
@@ -277,7 +296,16 @@ class RadianceModel(Predictor):
         for contradiction in self.origin.contradictions(measured.frame).values():
             msg = f"{self.name}: the new rows are of {contradiction}; train a model for it"
             raise ObservationError(msg)
+        check_exposures(measured, self.sensor)
         data = ring_data(measured, black_level=self.black_level)
+        factor = self.learnt.surprise(data)
+        if factor is not None:
+            msg = (
+                f"{self.name}: this is not the surface that was learnt: the new captures are "
+                f"{factor:.3g} times as bright as expected; check the unit of exposure_ms, or "
+                "learn another finish from them (train --from)"
+            )
+            raise ObservationError(msg)
         return replace(
             self,
             learnt=self.learnt.with_rings(data),

@@ -34,6 +34,13 @@ _LEAST_PAIRS = 8
 _SAME_POSE = 1.0
 """mm or degrees by which poses of one view may differ: they are read back, or aligned, anew."""
 
+_ALIKE = 1.1
+"""How many times as bright a capture that is taken again may be."""
+
+_UNKNOWN_BLACK = 8.0
+"""Grey levels by which a brightness is uncertain where the black level is not known; assumed:
+cameras have 0 to some 16."""
+
 RING_COLUMNS = ("feature", "view", *POSE_COLUMNS)
 
 
@@ -156,6 +163,25 @@ def _check_one_pose(rings: pl.DataFrame) -> None:
     raise ObservationError(msg)
 
 
+def _check_captures_agree(frame: pl.DataFrame, brightness: str) -> None:
+    """Check that a capture that is there twice is as bright both times."""
+    spread = (
+        frame.group_by("feature", "view", "exposure_ms", maintain_order=True)
+        .agg(pl.col(brightness).min().alias("least"), pl.col(brightness).max().alias("most"))
+        .filter(pl.col("most") > _ALIKE * pl.col("least") + 2.0)
+    )
+    if spread.height == 0:
+        return
+    row = spread.row(0, named=True)
+    msg = (
+        f"feature {row['feature']!r} in view {row['view']!r} at {row['exposure_ms']:g} ms has "
+        f"{brightness} {row['least']:.1f} in one row and {row['most']:.1f} in another "
+        f"({spread.height} captures contradict themselves so): they are of different finishes, "
+        "parts or campaigns; give them different views, or train on one"
+    )
+    raise ObservationError(msg)
+
+
 def ring_data(table: ObservationTable, *, black_level: float | None = None) -> RingData:
     """Gather the radiance of every feature and view from a table's captures.
 
@@ -188,6 +214,7 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
         .sort("_ring")
     )
     _check_one_pose(rings)
+    _check_captures_agree(frame, source)
     group = frame["_ring"].to_numpy()
     grey = frame[source].to_numpy().astype(np.float64)
     exposure_ms = frame["exposure_ms"].to_numpy()
@@ -199,7 +226,10 @@ def ring_data(table: ObservationTable, *, black_level: float | None = None) -> R
     above = grey - black_level
     bright = above > DARK
     measured_well = usable & bright
-    weight = 1.0 / measurement_variance(np.maximum(above, DARK))
+    uncertain = measurement_variance(np.maximum(above, DARK))
+    if not black_level_known:
+        uncertain += (_UNKNOWN_BLACK / np.maximum(above, DARK)) ** 2
+    weight = 1.0 / uncertain
     value = np.log(np.maximum(above, DARK) / exposure_ms)
     n = rings.height
     total = np.bincount(group, weight * measured_well, minlength=n)

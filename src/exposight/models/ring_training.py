@@ -20,8 +20,17 @@ from exposight.models.ring_data import ring_data
 from exposight.models.ring_light import POSE_COLUMNS, check_places
 from exposight.models.window_fit import fit_window
 from exposight.models.window_model import WindowModel
-from exposight.observing import ObservationTable
+from exposight.observing import ObservationTable, tcp_text
 from exposight.tables import counted
+
+
+def keeps_limits(previous: RadianceModel, sensor: ActiveSensor | None, origin: Origin) -> bool:
+    """Return whether a model's limits hold for observations: they are of the same sensor."""
+    if previous.sensor is None or sensor is None:
+        named = previous.origin.sensor
+        return previous.sensor is sensor and bool(named) and named == origin.sensor
+    return previous.sensor == sensor
+
 
 _LEAST_RINGS = 3
 """Fewer rings leave nothing to learn a band from."""
@@ -81,8 +90,21 @@ def train_window(
         lacking = "a sensor" if sensor is None else f"a projector's pose of {sensor.name!r}"
         msg = f"mean {mean!r} needs {lacking}, which is not known; give it, or another mean"
         raise InputError(msg)
+    if sensor is not None and origin.tcp and origin.tcp != tcp_text(sensor):
+        msg = (
+            f"the observations' poses are in a TCP frame at {origin.tcp!r} (mm and degrees, in "
+            f"the camera's frame), that of the sensor given is at {tcp_text(sensor)!r}; give the "
+            "sensor with which they were observed"
+        )
+        raise ObservationError(msg)
     previous = start_from.radiance if start_from is not None else None
-    same_sensor = start_from is not None and start_from.sensor == sensor
+    same_sensor = previous is not None and keeps_limits(previous, sensor, origin)
+    if previous is not None and not same_sensor and previous.origin.finish != origin.finish:
+        msg = (
+            f"{start_from.name if start_from else ''} is of another sensor, or of one that is not "
+            "known, and of another finish: there is nothing to keep; train from scratch"
+        )
+        raise InputError(msg)
     kept = previous if same_sensor else None
     data = ring_data(measured, black_level=kept.black_level if kept else None)
     if len(data) < _LEAST_RINGS:

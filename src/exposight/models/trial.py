@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError, ObservationError
+from exposight.models.log_radiance import SURPRISE
 from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
 from exposight.models.ring_forecast import RingForecast
 from exposight.observing import ObservationTable
@@ -50,9 +51,6 @@ _BETTER = {"max": 40.0, "mod": 12.0}
 
 _FEWEST = 3
 """Quantiles that must be neither dark nor clipped."""
-
-_SURPRISE = 1e-5
-"""Chance below which a view's brightness is not that of the surface that was learnt."""
 
 _SAME_PLACE_MM = 2.0
 
@@ -138,7 +136,7 @@ def _weighed(
     within = forecast.covariance[np.ix_(rings, rings)] + np.diag(variance)
     error = value - forecast.mean[rings]
     squared = float(error @ np.linalg.solve(within, error))
-    surprise = not other_surface and float(chi2.sf(squared, len(rings))) < _SURPRISE
+    surprise = not other_surface and float(chi2.sf(squared, len(rings))) < SURPRISE
     if surprise or other_surface:
         factor = math.exp(float(np.median(error)))
         reason = other_surface or (

@@ -36,8 +36,8 @@ _SPAN_MM = 200.0
 _CUT = 4.5
 """Standard deviations beyond which a normal edge is over."""
 
-_ALIKE = 0.01
-"""Scatter of q from ring to ring that makes no difference."""
+_NODES = ((-2.1, 0.05), (-1.28, 0.15), (-0.5, 0.3), (0.5, 0.3), (1.28, 0.15), (2.1, 0.05))
+"""A normal scatter by six values and their weights."""
 
 
 class Points(NamedTuple):
@@ -196,11 +196,12 @@ class Window:
 
     def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
         """Return what p_norm must reach, the scatter of q from ring to ring considered."""
-        if (points.best_std < _ALIKE).all():
+        std = np.maximum(points.best_std, self.scatter)
+        if (need < points.best - _CUT * std).all():
             return [(1.0, np.full(len(points.best), need))]
         return [
-            (weight, need * points.best / np.maximum(points.best + node * points.best_std, 1e-9))
-            for node, weight in ((-1.732, 1 / 6), (0.0, 2 / 3), (1.732, 1 / 6))
+            (weight, need * points.best / np.maximum(points.best + node * std, 1e-9))
+            for node, weight in _NODES
         ]
 
     def points(self, model: LogRadiance, rings: Rings, light: RingLight | None) -> Points:

@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import InputError, ObservationError
+from exposight.models.evaluation import check_exposures
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,
@@ -115,6 +116,11 @@ class WindowModel(Predictor):
     def _by_row(self, frame: pl.DataFrame, read: Any) -> list[FloatArray]:
         rings, ring = self.radiance.rings(frame)
         exposure_ms = input_array(self.name, frame.select("exposure_ms"))[:, 0]
+        if not (exposure_ms > 0.0).all():
+            row = int(np.argmin(exposure_ms))
+            got = f"got {exposure_ms[row]:g} in row {row + 1}"
+            msg = f"{self.name}: exposure_ms must be above 0, {got}"
+            raise ObservationError(msg)
         out: list[FloatArray] = []
         for start in range(0, len(rings), CHUNK):
             some = range(start, min(start + CHUNK, len(rings)))
@@ -174,6 +180,7 @@ class WindowModel(Predictor):
         forecast = self._forecast(unique, times, need, rings)
         if trial is None:
             return forecast
+        check_exposures(trial.measured(), self.sensor)
         contradictions = self.radiance.origin.contradictions(trial.measured().frame)
         for name in ("sensor", "tcp"):
             if name in contradictions:
@@ -239,7 +246,8 @@ class WindowModel(Predictor):
 
     def remarks(self, frame: pl.DataFrame) -> tuple[str, ...]:
         """Say which rows are not of the finish that was learnt."""
-        return self.radiance.remarks(frame)
+        learnt = self.radiance
+        return tuple(each.replace(learnt.name, self.name, 1) for each in learnt.remarks(frame))
 
     def with_observations(self, table: ObservationTable) -> WindowModel:
         """Learn from more captures, as a cell does after each; the limits stay."""

@@ -10,6 +10,7 @@ from exposight.observing.masks import (
     orientation_deg,
     point_search,
     pose_columns,
+    tcp_text,
     view_features,
 )
 from exposight.observing.observe import (

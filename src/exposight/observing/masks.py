@@ -178,17 +178,22 @@ def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
+def tcp_text(sensor: ActiveSensor) -> str:
+    """Return where a sensor's TCP is, as tables have it: x y z in mm and w p r in degrees."""
+    tcp = sensor.camera_from_tcp
+    numbers = (*tcp.translation_mm.tolist(), *tcp.to_fanuc_wpr())
+    return " ".join(f"{number + 0.0:.6g}" for number in numbers)
+
+
 def shared_columns(
     part: Part, sensor: ActiveSensor, camera_from_part: RigidTransform
 ) -> dict[str, Any]:
     """Return the columns of an observation table that say of which sensor and part a view is."""
-    tcp = sensor.camera_from_tcp
-    numbers = (*tcp.translation_mm.tolist(), *tcp.to_fanuc_wpr())
-    turn_deg = (tcp.inverse() @ camera_from_part).to_fanuc_wpr()
+    turn_deg = (sensor.camera_from_tcp.inverse() @ camera_from_part).to_fanuc_wpr()
     return {
         "sensor": sensor.name,
         "part": part.name,
-        "tcp": " ".join(f"{number + 0.0:.6g}" for number in numbers),
+        "tcp": tcp_text(sensor),
         **dict(zip(("part_w_deg", "part_p_deg", "part_r_deg"), turn_deg, strict=True)),
     }
 

@@ -137,11 +137,17 @@ class SensorModels:
         InputError
             If no feature is visible, an exposure time is not above 0, the trial is of another pose,
             or the models cannot use one.
+        SensorError
+            If the sensor cannot take an exposure time.
         ObservationError
             If the view is of another sensor or TCP than was learnt, or the trial has no row of it.
         """
         poses = view.frame
         check_forecast(poses, exposures_ms)
+        if exposures_ms is not None:
+            exposures_ms = tuple(dict.fromkeys(map(float, exposures_ms)))
+            if self.sensor is not None:
+                exposures_ms = tuple(map(self.sensor.check_exposure, exposures_ms))
         if isinstance(self.quality, WindowModel):
             if trial is not None and not view.name:
                 poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
