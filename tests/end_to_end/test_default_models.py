@@ -36,7 +36,7 @@ def test_two_models_are_trained_and_what_they_found_is_told(campaign, observatio
     assert isinstance(load_model(tmp_path / f"quality{SUFFIX}"), WindowModel)
     assert isinstance(load_model(tmp_path / f"exposure{SUFFIX}"), RadianceModel)
     shown = " ".join(run(*words).stdout.split())
-    for words in ("grey levels of modulation", "above black", "Student's t", "one stripe image"):
+    for words in ("grey levels of i_avg above black", "Student's t", "one stripe image"):
         assert words in shown
 
 

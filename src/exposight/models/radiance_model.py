@@ -176,11 +176,12 @@ class RadianceModel(Predictor):
         names = []
         rows = np.ascontiguousarray(np.hstack([poses, turns]))
         where = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
-        for row, (feature, view, part) in enumerate(zip(features, views, parts, strict=True)):
-            key = (feature, view, part, where[row])
+        keys = zip(features, views, parts, where, strict=True)
+        for row, key in enumerate(keys):
             if key not in place:
                 place[key] = len(place)
                 first.append(row)
+                feature, view, part, _ = key
                 name = feature or f"?{row}"
                 names.append((f"{part}/{name}" if known and part and part != known else name, view))
             ring[row] = place[key]

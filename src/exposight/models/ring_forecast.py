@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from exposight.compiled import njit
 from exposight.errors import InputError
-from exposight.models.window import Points, Response, Tables
+from exposight.models.window import Points, Response, Tables, normal_between
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -153,13 +153,11 @@ class RingForecast:
     def chance_of(self, need: float) -> FloatArray:
         """Return the chance that the quality reaches another value, (n, m)."""
         total = np.zeros_like(self._brightness)
-        dark = np.maximum(np.hypot(self.std, self.points.shift_low), 1e-6)[:, None]
-        bright = np.maximum(np.hypot(self.std, self.points.shift_high), 1e-6)[:, None]
+        dark = np.maximum(np.hypot(self.std, self.points.shift_low), 1e-6)
+        bright = np.maximum(np.hypot(self.std, self.points.shift_high), 1e-6)
         for weight, level in self.window.needs(self.points, need):
             first, last = self._ends(level)
-            above = ndtr((self._brightness - first[:, None]) / dark)
-            beyond = ndtr((self._brightness - last[:, None]) / bright)
-            total += weight * np.maximum(np.nan_to_num(above - beyond, nan=0.0), 0.0)
+            total += weight * normal_between(self._brightness, first, dark, last, bright)
         return total
 
     def _ends(self, need: FloatArray) -> tuple[FloatArray, FloatArray]:
