@@ -56,6 +56,14 @@ def test_people_read_what_is_meant_for_them(result, capsys):
     ]
 
 
+def test_a_narrow_terminal_cuts_no_digits(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    rows = [dict.fromkeys(("alpha", "beta", "gamma"), 123456.75)]
+    columns = tuple(Column(name=name, decimals=2) for name in rows[0])
+    Result(tables=(Table.of("wide", rows, columns),)).show()
+    assert capsys.readouterr().out.count("123456.75") == 3
+
+
 def test_an_output_is_no_input(tmp_path):
     path = tmp_path / "a.csv"
     assert not Written.at(path, "table", inputs=(path,)).replaced

@@ -86,6 +86,16 @@ def test_exposure_times_for_a_brightness_are_positive_and_right(
     assert (prediction.mean < prediction.high).all()
 
 
+def test_brightness_that_clips_is_not_relied_on(model: WindowModel) -> None:
+    table = observed(views=1, seed=5, places="new-{}")
+    clips = table.array(["stack_clipped_share"])[:, 0] > 0.01
+    prediction = model.radiance.predict(table)
+    assert clips.any()
+    assert not prediction.inside[clips].any()
+    reasons = np.array(model.radiance.unknown(table))
+    assert all("clips" in reason for reason in reasons[clips])
+
+
 def test_no_exposure_time_gives_less_than_the_black_level(model: WindowModel) -> None:
     row = observed(views=1, features=1).frame[:1].with_columns(i_mean=pl.lit(5.0))
     with pytest.raises(ObservationError, match="without light"):

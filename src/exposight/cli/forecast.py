@@ -78,7 +78,9 @@ class ViewOptions(PoseOptions):
             raise UsageError(msg)
         part = Part(name=self.features.stem, features=read_features(self.features))
         pose = self.camera_from_part()
-        return View.of(part, sensor_named_or_read(self.sensor), pose)
+        view = View.of(part, sensor_named_or_read(self.sensor), pose)
+        # such a file does not tell the part's name, by which models know its features
+        return replace(view, shared={**view.shared, "part": None})
 
 
 _NO_VIEW = ViewOptions()

@@ -157,6 +157,9 @@ def propose_command(
         write_plan(next_plan, candidates.plan_of(captures))
     else:
         files = tuple(file for file in files if file.kind != "measuring plan")
+        if next_plan is not None:
+            left_there = "; the one that is there is an older one" if next_plan.exists() else ""
+            notes.append(f"nothing is proposed, so {next_plan} was not written{left_there}")
     notes += model.remarks(left.frame)
     if 0 < captures.height < number_of_captures:
         notes.append(f"after {counted(captures.height, 'capture')} {reason}")
@@ -250,16 +253,26 @@ def _worth_it(captures: pl.DataFrame) -> tuple[pl.DataFrame, str]:
     return captures, "no view is left; --again captures some once more"
 
 
+_WELL_KNOWN = 0.1
+"""Uncertainty of ln brightness that is small beside a window of exposure times, a factor of four or
+more."""
+
+
 def _percent(error: float) -> str:
     return f"{number(100.0 * error, 2)} %"
 
 
 def _answer(proposer: CaptureProposer, captures: pl.DataFrame) -> str:
     if captures.height == 0:
-        known = _percent(float(proposer.target_std.max()))
+        worst = float(proposer.target_std.max())
+        if worst > _WELL_KNOWN:
+            return (
+                "these views would tell next to nothing more: brightness of the least known target "
+                f"stays uncertain by {_percent(worst)}"
+            )
         return (
-            f"nothing more to learn from these views: every target's brightness is known to {known}"
-            " already"
+            "nothing more to learn from these views: every target's brightness is known to "
+            f"{_percent(worst)} already"
         )
     named = [
         f"{view} at {number(exposure_ms)} ms"

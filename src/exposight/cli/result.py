@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich import box
+from rich.cells import cell_len
+from rich.measure import Measurement
 from rich.table import Table as Grid
 from rich.text import Text
 
@@ -144,21 +146,31 @@ def _print_facts(facts: Iterable[Fact]) -> None:
     console().print(grid)
 
 
+_WIDEST = 10_000
+"""Columns of a terminal wider than any table."""
+
+
 def _print_table(table: Table) -> None:
     if table.title:
         _print_line(table.title, style="bold")
     grid = Grid(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for column in table.columns:
+    cells = table.cells()
+    shown_cells = cells[: table.shown_rows]
+    for place, column in enumerate(table.columns):
+        lines = [*column.heading.splitlines(), *(row[place] for row in shown_cells)]
         grid.add_column(
             column.heading,
+            min_width=None if column.wraps else max(map(cell_len, lines), default=None),
             justify="left" if table.is_text(column) else "right",
             overflow="fold",
             no_wrap=not column.wraps,
             header_style="cyan",
         )
-    cells = table.cells()
-    for row in cells[: table.shown_rows]:
+    for row in shown_cells:
         grid.add_row(*map(Text, row))
-    console().print(grid)
+    shown = console()
+    # A line too long for the terminal is broken by it; a column cut short would be another number.
+    needed = Measurement.get(shown, shown.options.update(width=_WIDEST), grid).minimum
+    shown.print(grid, width=max(shown.width, needed), crop=False)
     if left := len(cells[table.shown_rows :]) if table.shown_rows else 0:
         _print_line(f"  … {count(left)} more; --output writes them all")

@@ -23,7 +23,12 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
-from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
+from exposight.models.ring_data import (
+    CLIPPED_COLUMNS,
+    FEW_CLIPPED,
+    clipped_share,
+    ring_data,
+)
 from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings, check_places
 from exposight.models.specification import P_NORM_MIN
 from exposight.observing import ObservationTable
@@ -35,6 +40,7 @@ QUALITY, EXPOSURE = "quality", "exposure"
 """Names of the two default models."""
 
 _NAMES = ("feature", "view")
+_CLIPPED = "the ring clips: its brightness is that of no exposure time"
 
 FAR = 1.0
 """Learnt length scales beyond which nothing was learnt."""
@@ -84,6 +90,7 @@ class RadianceModel(Predictor):
         *TURN_COLUMNS,
         *ORIGIN_COLUMNS,
         "incidence_deg",
+        *CLIPPED_COLUMNS,
     )
 
     learnt: LogRadiance
@@ -115,7 +122,7 @@ class RadianceModel(Predictor):
         return Prediction(
             mean=median,
             std=median * np.sqrt(np.expm1(np.minimum(spread**2, 50.0))),
-            inside=distance[ring] <= FAR,
+            inside=(distance[ring] <= FAR) & (clipped_share(frame) <= FEW_CLIPPED),
             low=low,
             high=high,
         )
@@ -126,7 +133,11 @@ class RadianceModel(Predictor):
         finish = self.origin.contradictions(frame).get("finish", "")
         rings, ring = self.rings(frame)
         reasons = [finish or far_away(each) for each in self.radiance(rings)[2].tolist()]
-        return tuple(reasons[place] for place in ring)
+        clipped = clipped_share(frame) > FEW_CLIPPED
+        return tuple(
+            _CLIPPED if clips else reasons[place]
+            for place, clips in zip(ring, clipped.tolist(), strict=True)
+        )
 
     def radiance(self, rings: Rings) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return mean and standard deviation of ln radiance, and distance, of rings, (n,) each."""

@@ -18,6 +18,9 @@ from exposight.errors import ObservationError
 from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings
 from exposight.observing import ObservationTable
 
+CLIPPED_COLUMNS = ("stack_clipped_share", "clipped_share")
+"""Where tables say how much of a ring clips: in any frame, or in the one image."""
+
 FEW_CLIPPED = 0.002
 """Share of clipped pixels up to which a mean brightness counts as unclipped."""
 
@@ -90,7 +93,7 @@ def brightness_column(table: ObservationTable) -> str:
 
 def clipped_share(frame: pl.DataFrame) -> NDArray[np.float64]:
     """Return the share of each ring's pixels that clip: in any frame, or in the one image."""
-    columns = [name for name in ("stack_clipped_share", "clipped_share") if name in frame.columns]
+    columns = [name for name in CLIPPED_COLUMNS if name in frame.columns]
     shares = frame.select(pl.coalesce(*columns, pl.lit(0.0)).cast(pl.Float64)).to_numpy()
     out: NDArray[np.float64] = shares[:, 0]
     return out

@@ -18,10 +18,10 @@ _SCORES = (
     Column(name="n"),
     Column(name="r2_percent", label="R² %", digits=4),
     Column(name="rmse", label="RMSE", digits=3, error_of="target"),
-    Column(name="median_relative_error", label="median\nerror %", **_PERCENT),
+    Column(name="median_relative_error", label="median\nerror %", digits=2, scale=100.0),
     Column(name="coverage_1sigma", label="1σ %", **_PERCENT),
     Column(name="coverage_2sigma", label="2σ %", **_PERCENT),
-    Column(name="crps", label="CRPS", digits=3, error_of="target"),
+    Column(name="crps", label="CRPS", digits=2, error_of="target"),
     Column(name="log_score", label="log\nscore", decimals=2),
 )
 
