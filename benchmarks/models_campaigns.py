@@ -126,7 +126,7 @@ def test_plan(condition: Condition, seed: int) -> MeasuringPlan:
         box = {"x_mm": (-180, 180), "y_mm": (-125, 50), "z_tcp_mm": (-165, 155)}
         times_ms = logarithmic_exposures(0.07, 18.0, condition.exposures, condition.sensor)
     else:
-        times_ms = _whole_milliseconds(condition.exposures)
+        times_ms = whole_milliseconds(3.0, _LONGEST_MS, condition.exposures)
     views = RandomPositions(name="random", count=condition.views, exposures_ms=times_ms, **box)
     return MeasuringPlan(
         name="new-views",
@@ -139,12 +139,11 @@ def test_plan(condition: Condition, seed: int) -> MeasuringPlan:
     )
 
 
-def _whole_milliseconds(count: int) -> tuple[float, ...]:
-    """Return different whole numbers from 3 ms up at about equal ratios."""
-    times_ms = np.unique(np.geomspace(3.0, _LONGEST_MS, count).round())
-    if len(times_ms) != count:
-        msg = f"{count} whole milliseconds from 3 to {_LONGEST_MS:g} are not all different"
-        raise ValueError(msg)
+def whole_milliseconds(low_ms: float, high_ms: float, count: int) -> tuple[float, ...]:
+    """Return different whole numbers between two at about equal ratios."""
+    times_ms = np.geomspace(low_ms, high_ms, count).round()
+    for i in range(1, count):  # the shortest ones would be alike
+        times_ms[i] = max(times_ms[i], times_ms[i - 1] + 1.0)
     return tuple(times_ms.tolist())
 
 
@@ -182,9 +181,14 @@ def _observed(condition: Condition, plan: MeasuringPlan, side: Side) -> Observat
         groups = [group.name for group in plan.groups]
         settings["kinematic_share"] = {name: shares[name] for name in groups}
     cell = condition.cell.for_plan(plan, rings_only=not condition.stereo, **settings)
+    return observed(f"{condition.name}-{side}-{plan.seed}", plan, cell)
+
+
+def observed(name: str, plan: MeasuringPlan, cell: SimulatedCell) -> ObservationTable:
+    """Return what a plan gives, simulated where it is not kept."""
     description = json.dumps(cell.description(), sort_keys=True, default=str)
     kept = KeptFiles(kept_folder(), plan_to_toml(plan), description, __version__)
-    name = f"{condition.name}-{side}-{plan.seed}.parquet"
+    name = f"{name}.parquet"
     if kept.find(name) is None:
         say(f"measuring {name.removesuffix('.parquet')}: {plan.n_captures} captures")
         measure_observations(plan, cell, table_path=kept.path(name), workers=WORKERS)
