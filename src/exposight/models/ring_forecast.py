@@ -155,10 +155,18 @@ class RingForecast:
         total = np.zeros_like(self._brightness)
         dark = np.maximum(np.hypot(self.std, self.points.shift_low), 1e-6)
         bright = np.maximum(np.hypot(self.std, self.points.shift_high), 1e-6)
-        for weight, level in self.window.needs(self.points, need):
-            first, last = self._ends(level)
+        for weight, first, last in self.window_ends(need):
             total += weight * normal_between(self._brightness, first, dark, last, bright)
         return total
+
+    def window_ends(self, need: float | None = None) -> list[tuple[float, FloatArray, FloatArray]]:
+        """Return the ln(L·t) between which the quality reaches a value, in weighed cases.
+
+        Cases are of how good a ring gets at its best. The ends, (n,) each, are NaN where a ring
+        never reaches it.
+        """
+        levels = self.window.needs(self.points, self.need if need is None else need)
+        return [(weight, *self._ends(level)) for weight, level in levels]
 
     def _ends(self, need: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the ln(L·t) between which the quality reaches a value, (n,) each; NaN if none."""

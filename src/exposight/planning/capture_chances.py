@@ -1,0 +1,309 @@
+"""Chances that captures of a view serve its features: each by itself, and several together.
+
+A feature's window of exposure times is uncertain because its radiance is, which all its exposures
+share: failures of two exposures are not independent, and taking the same one twice gains nothing.
+With ln lo = a − δ + d and ln hi = b − δ − e, where δ is the error of ln radiance and d, e those of
+the edges, the chance of two exposures s < t together is
+
+    P(lo ≤ s, hi ≥ t) = ∫ Φ((ln s − a + δ)/σ_d) Φ((b − ln t − δ)/σ_e) N(δ; 0, σ²) dδ,
+
+and as a window is an interval, that of at least one of t₁ < t₂ < … is exactly
+
+    Σ_i [P(t_i) − P(t_{i−1} ∧ t_i)].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from exposight.errors import InputError
+from exposight.models import RingForecast
+from exposight.planning.forecasts import Forecast
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+_STEP = 0.25
+"""Distance of the integral's nodes, standard deviations."""
+
+_NODES = np.arange(-4.0, 4.0 + _STEP / 2, _STEP)
+_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
+
+_SPREAD = _STEP / 2.0
+"""About each node; half a step leaves ripples of 0.7 % in the distribution's density."""
+
+_SHARP = 1e-4
+"""Least width of an edge, ln: a known window's."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CaptureChances:
+    """What captures of one view at m exposure times promise for n features.
+
+    Make it with `of` or `of_windows`.
+
+    Parameters
+    ----------
+    view : str
+        The view's name.
+    features : tuple of str
+        The n features.
+    settings_ms : (m,) ndarray, ms
+        Exposure times that may be taken, ascending.
+    need : float
+        Quality that is asked for.
+    windows_ms : (n, 2) ndarray, ms
+        Median exposure times between which each feature reaches `need`; NaN where none does, or
+        where a model knows no window.
+    reasons : tuple of str
+        Why a feature's chances should not be relied on; empty where they may be.
+    weights : (q,) ndarray
+        Weights of q cases between which windows are independent; none where only chances by
+        themselves are known: then several captures are no surer than the best of them, which is the
+        least that their joint chance can be, whatever their dependence (Fréchet).
+    begun, lasting : (n, q, m) ndarray
+        In each case the chances that the window has begun at an exposure time, and that it lasts.
+    chance : (n, m) ndarray
+        Chance that one capture serves.
+    """
+
+    view: str
+    features: tuple[str, ...]
+    settings_ms: FloatArray
+    need: float
+    windows_ms: FloatArray
+    reasons: tuple[str, ...]
+    weights: FloatArray
+    begun: FloatArray
+    lasting: FloatArray
+    chance: FloatArray
+
+    @classmethod
+    def of(cls, forecast: Forecast, settings_ms: ArrayLike, *, view: str = "") -> CaptureChances:
+        """Return the chances of a forecast's view.
+
+        Parameters
+        ----------
+        forecast : Forecast
+            Of one view; of models without windows at these exposure times.
+        settings_ms : (m,) array_like, ms
+            Exposure times that may be taken, ascending.
+        view : str
+            The view's name.
+
+        Raises
+        ------
+        InputError
+            If there is none, they do not ascend, or the forecast was not made at them.
+        """
+        settings = _checked(settings_ms)
+        n = len(forecast.features)
+        if forecast.rings is not None:
+            return cls.of_rings(forecast.rings, settings, view=view, features=forecast.features)
+        if not np.allclose(settings, forecast.exposures_ms):
+            msg = (
+                f"chances at {len(settings)} exposure times, {settings[0]:g} to {settings[-1]:g} "
+                "ms, need a forecast at the same ones: these models know no windows"
+            )
+            raise InputError(msg)
+        return cls(
+            view=view,
+            features=forecast.features,
+            settings_ms=settings,
+            need=forecast.need,
+            windows_ms=np.full((n, 2), np.nan),
+            reasons=forecast.unknown,
+            weights=np.zeros(0),
+            begun=np.zeros((n, 0, len(settings))),
+            lasting=np.zeros((n, 0, len(settings))),
+            chance=np.asarray(forecast.chance),
+        )
+
+    @classmethod
+    def of_rings(
+        cls,
+        rings: RingForecast,
+        settings_ms: ArrayLike,
+        *,
+        view: str = "",
+        features: Sequence[str] | None = None,
+    ) -> CaptureChances:
+        """Return the chances of some rings, each by itself (`of`)."""
+        settings = _checked(settings_ms)
+        cases = [
+            (weight, first - rings.mean, last - rings.mean)
+            for weight, first, last in rings.window_ends()
+        ]
+        low_ms, high_ms = rings.window_ms()
+        return cls._of_cases(
+            cases,
+            rings.std,
+            (rings.points.shift_low, rings.points.shift_high),
+            view=view,
+            features=tuple(rings.features if features is None else features),
+            settings_ms=settings,
+            need=rings.need,
+            windows_ms=np.column_stack([low_ms, high_ms]),
+            reasons=rings.unknown,
+        )
+
+    @classmethod
+    def of_windows(
+        cls,
+        windows_ms: ArrayLike,
+        settings_ms: ArrayLike,
+        *,
+        features: Sequence[str],
+        std: ArrayLike = 0.0,
+        edge_std: ArrayLike = 0.0,
+        view: str = "",
+        need: float = 0.75,
+    ) -> CaptureChances:
+        """Return the chances of windows that are given.
+
+        Parameters
+        ----------
+        windows_ms : (n, 2) array_like, ms
+            Median ends of each feature's window; NaN for none.
+        settings_ms : (m,) array_like, ms
+            Exposure times that may be taken, ascending.
+        features : sequence of str
+            Names of the n features.
+        std, edge_std : float or (n,) array_like
+            Standard deviations of ln exposure time: of the whole window, and of either end beside.
+        view, need
+            As for the class.
+        """
+        ends = np.asarray(windows_ms, dtype=np.float64).reshape(-1, 2)
+        each = np.broadcast_to(np.asarray(edge_std, dtype=np.float64), len(ends))
+        with np.errstate(divide="ignore"):
+            first, last = np.log(ends).T
+        return cls._of_cases(
+            [(1.0, first, last)],
+            np.broadcast_to(np.asarray(std, dtype=np.float64), len(ends)),
+            (each, each),
+            view=view,
+            features=tuple(features),
+            settings_ms=_checked(settings_ms),
+            need=need,
+            windows_ms=ends,
+            reasons=("",) * len(ends),
+        )
+
+    @classmethod
+    def _of_cases(
+        cls,
+        cases: Sequence[tuple[float, FloatArray, FloatArray]],
+        std: FloatArray,
+        edges: tuple[FloatArray, FloatArray],
+        **fields: object,
+    ) -> CaptureChances:
+        """Return the chances of weighed cases of windows' ends, in ln ms."""
+        log_ms = np.log(np.asarray(fields["settings_ms"]))
+        # errors are spread about each node, so that sharp edges give no steps
+        spread = std * _SPREAD
+        shift = (std * np.sqrt(1.0 - _SPREAD**2))[:, None] * _NODES
+        low, high = (np.maximum(np.hypot(edge, spread), _SHARP)[:, None, None] for edge in edges)
+        begun, lasting, weights = [], [], []
+        for weight, first, last in cases:
+            at = log_ms + shift[:, :, None]
+            begun.append(ndtr((at - first[:, None, None]) / low))
+            lasting.append(ndtr((last[:, None, None] - at) / high))
+            weights.append(weight * _WEIGHTS)
+        starts, ends = (
+            np.nan_to_num(np.concatenate(begun, 1)),
+            np.nan_to_num(np.concatenate(lasting, 1)),
+        )
+        both = np.concatenate(weights)
+        return cls(
+            weights=both,
+            begun=starts,
+            lasting=ends,
+            chance=np.einsum("q,nqm,nqm->nm", both, starts, ends),
+            **fields,  # type: ignore[arg-type]
+        )
+
+    @cached_property
+    def gain(self) -> FloatArray:
+        """Chance that a capture at t serves and one at s < t does not, (n, m, m) by s and t."""
+        if not len(self.weights):
+            return np.maximum(self.chance[:, None, :] - self.chance[:, :, None], 0.0)
+        both = np.swapaxes(self.begun, 1, 2) @ (self.weights[:, None] * self.lasting)
+        out: FloatArray = np.maximum(self.chance[:, None, :] - both, 0.0)
+        return out
+
+    @cached_property
+    def later(self) -> FloatArray:
+        """At most so much chance do captures after each exposure time add to one there, (n, m)."""
+        if len(self.weights):
+            exists = (self.lasting[:, :, :1] > 0.0) | (self.begun[:, :, -1:] > 0.0)
+            out: FloatArray = np.einsum("q,nqm->nm", self.weights, (1.0 - self.begun) * exists)
+            return out
+        best = np.maximum.accumulate(self.chance[:, ::-1], axis=1)[:, ::-1]
+        return np.maximum(best - self.chance, 0.0)
+
+    def both(self, places: Sequence[int]) -> FloatArray:
+        """Return the chances that two captures both serve, (n, q, q), for q settings' places."""
+        places = list(places)
+        if not len(self.weights):
+            chosen = self.chance[:, places]
+            return np.minimum(chosen[:, :, None], chosen[:, None, :])
+        upper = np.einsum(
+            "c,ncs,nct->nst", self.weights, self.begun[:, :, places], self.lasting[:, :, places]
+        )
+        later = np.asarray(places)[:, None] <= np.asarray(places)[None, :]
+        out: FloatArray = np.where(later, upper, np.swapaxes(upper, 1, 2))
+        return out
+
+    def any_of(self, places: Sequence[int]) -> FloatArray:
+        """Return the chance that at least one of some captures serves, (n,).
+
+        Parameters
+        ----------
+        places : sequence of int
+            Their places among `settings_ms`, in any order.
+        """
+        ordered = sorted(set(map(int, places)))
+        if not ordered:
+            return np.zeros(len(self.features))
+        if not len(self.weights):
+            best: FloatArray = self.chance[:, ordered].max(axis=1)
+            return best
+        total = self.lasting[:, :, ordered] * self.begun[:, :, ordered]
+        total[:, :, 1:] -= self.begun[:, :, ordered[:-1]] * self.lasting[:, :, ordered[1:]]
+        out: FloatArray = np.einsum("q,nqm->n", self.weights, total)
+        return np.clip(out, 0.0, 1.0)
+
+    def take(self, features: Sequence[str]) -> CaptureChances:
+        """Return the chances of some of the features."""
+        place = {name: i for i, name in enumerate(self.features)}
+        rows = [place[name] for name in features]
+        return CaptureChances(
+            view=self.view,
+            features=tuple(features),
+            settings_ms=self.settings_ms,
+            need=self.need,
+            windows_ms=self.windows_ms[rows],
+            reasons=tuple(self.reasons[i] for i in rows),
+            weights=self.weights,
+            begun=self.begun[rows],
+            lasting=self.lasting[rows],
+            chance=self.chance[rows],
+        )
+
+
+def _checked(settings_ms: ArrayLike) -> FloatArray:
+    settings = np.asarray(settings_ms, dtype=np.float64).reshape(-1)
+    if not len(settings) or not (np.diff(settings) > 0.0).all() or not settings[0] > 0.0:
+        msg = (
+            "settings must be exposure times above 0 ms that ascend, got "
+            f"{settings.tolist()[:6] or 'none'}"
+        )
+        raise InputError(msg)
+    return settings
