@@ -1,5 +1,7 @@
 """Chances of captures, by themselves and together."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -54,7 +56,7 @@ def test_several_captures_serve_as_often_as_in_draws(
 def test_gains_along_a_path_add_up(places: list[int]) -> None:
     each, ordered = chances(0.4, 0.05), sorted(places)
     total = each.chance[0, ordered[0]]
-    total += sum(each.gain[0, s, t] for s, t in zip(ordered, ordered[1:], strict=False))
+    total += sum(each.gain[0, s, t] for s, t in pairwise(ordered))
     assert total == pytest.approx(each.any_of(places)[0], abs=1e-9)
     rest = total - each.chance[0, ordered[0]]
     assert rest <= each.later[0, ordered[0]] + 1e-9

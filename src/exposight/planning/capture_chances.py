@@ -29,14 +29,11 @@ from exposight.planning.forecasts import Forecast
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-_STEP = 0.25
-"""Distance of the integral's nodes, standard deviations."""
+_STEPS = (0.1, 1.0)
+"""Least and largest distance of the integral's nodes, standard deviations."""
 
-_NODES = np.arange(-4.0, 4.0 + _STEP / 2, _STEP)
-_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
-
-_SPREAD = _STEP / 2.0
-"""About each node; half a step leaves ripples of 0.7 % in the distribution's density."""
+_FINE = 0.6
+"""Distance of nodes over an edge's width, where an edge is wide enough to smooth between them."""
 
 _SHARP = 1e-4
 """Least width of an edge, ln: a known window's."""
@@ -206,16 +203,21 @@ class CaptureChances:
     ) -> CaptureChances:
         """Return the chances of weighed cases of windows' ends, in ln ms."""
         log_ms = np.log(np.asarray(fields["settings_ms"]))
-        # errors are spread about each node, so that sharp edges give no steps
-        spread = std * _SPREAD
-        shift = (std * np.sqrt(1.0 - _SPREAD**2))[:, None] * _NODES
+        edge = min(float((each / np.maximum(std, _SHARP)).min(initial=1.0)) for each in edges)
+        step = float(np.clip(_FINE * edge, *_STEPS))
+        nodes = np.arange(-4.0, 4.0 + step / 2, step)
+        share = np.exp(-0.5 * nodes**2) / np.exp(-0.5 * nodes**2).sum()
+        # Errors are spread about each node, so that sharp edges give no steps: half a step leaves
+        # ripples of 0.7 % in the distribution's density.
+        spread = std * step / 2.0
+        shift = (std * np.sqrt(1.0 - step**2 / 4.0))[:, None] * nodes
         low, high = (np.maximum(np.hypot(edge, spread), _SHARP)[:, None, None] for edge in edges)
         begun, lasting, weights = [], [], []
         for weight, first, last in cases:
             at = log_ms + shift[:, :, None]
             begun.append(ndtr((at - first[:, None, None]) / low))
             lasting.append(ndtr((last[:, None, None] - at) / high))
-            weights.append(weight * _WEIGHTS)
+            weights.append(weight * share)
         starts, ends = (
             np.nan_to_num(np.concatenate(begun, 1)),
             np.nan_to_num(np.concatenate(lasting, 1)),
