@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from picture_style import ACCENT, ACCENT_2, ACCENT_3, INK, QUIET, save
 
-from exposight.twin.light import MISS_MM, SceneTracer
+from exposight.geometry.ray_casting import MISS_MM
+from exposight.twin.light import SceneTracer
 from exposight.twin.part import FINISHES, OUTSIDE_ZONES
 
 if TYPE_CHECKING:

@@ -20,6 +20,7 @@ from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
 from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
 from exposight.geometry import read_ros_camera_info as read_camera_info
+from exposight.geometry.meshes import MESH_SUFFIXES
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
 from exposight.measuring import recorded_driver
 from exposight.models import (
@@ -34,7 +35,7 @@ from exposight.observing import read_observations
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
 from exposight.tables import Table, number
-from exposight.twin.part import MESH_SUFFIXES, SCENE_FILE, is_scene, read_scene, scene_sensor
+from exposight.twin.part import SCENE_FILE, is_scene, read_scene, scene_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exposight.cell import Feature, Part
+from exposight.cell.placement import _squared_distance
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
+from exposight.geometry.meshes import MESH_UNITS_MM
 from exposight.twin.part import Scene, Zone, check_scene
-from exposight.twin.part.placement import MESH_UNITS_MM, _squared_distance
 
 
 def feature_at(position_mm, kind="surface_point", radius_mm=30.0, **sizes):

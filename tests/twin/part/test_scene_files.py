@@ -26,6 +26,7 @@ from exposight.errors import (
     VersionError,
 )
 from exposight.geometry import RigidTransform
+from exposight.geometry.meshes import read_mesh
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import (
     FEATURES_FILE,
@@ -40,7 +41,6 @@ from exposight.twin.part import (
     export_scene,
     exported_files,
     is_scene,
-    read_mesh,
     read_scene,
     scene_sensor,
 )

@@ -1,7 +1,6 @@
 """What reaches a camera's pixels: rays, the projector, its reflections, the lenses."""
 
 from exposight.twin.light.optics import (
-    MISS_MM,
     CameraLens,
     Lighting,
     ProjectorLens,

@@ -22,7 +22,8 @@ from exposight.compiled import njit
 from exposight.errors import SensorError
 from exposight.geometry import RigidTransform
 from exposight.geometry.cameras import distort_point
-from exposight.twin.light.optics import MISS_MM, ProjectorLens, SceneTracer, projector_of
+from exposight.geometry.ray_casting import MISS_MM
+from exposight.twin.light.optics import ProjectorLens, SceneTracer, projector_of
 from exposight.twin.part.finishes import finish_at
 from exposight.twin.part.reflectance import (
     CONTRAST,

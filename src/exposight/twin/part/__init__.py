@@ -2,7 +2,6 @@
 
 from exposight.twin.part.car_door import DOOR, DOOR_MESH, OUTSIDE_ZONES, door
 from exposight.twin.part.finishes import Finishes, Zone
-from exposight.twin.part.mesh_files import MESH_SUFFIXES, Mesh, read_mesh
 from exposight.twin.part.presses import Bead, Pocket, PressProfile, RingBead, RoundedPolygon
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.scene_files import (

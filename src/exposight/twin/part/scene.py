@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from exposight import errors
 from exposight.cell import Part
+from exposight.cell.placement import check_placement, faces_under
+from exposight.geometry.meshes import mesh_fault
 from exposight.twin.part.corner_normals import CREASE_DEG, corner_normals
 from exposight.twin.part.finishes import Finishes, Zone, finish_at, zone_table
-from exposight.twin.part.mesh_files import mesh_fault
-from exposight.twin.part.placement import check_placement, faces_under
 from exposight.twin.part.surfaces import SURFACES, Surface
 
 

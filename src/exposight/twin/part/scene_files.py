@@ -21,15 +21,15 @@ from exposight.cell import (
 )
 from exposight.errors import FormatError, InputError, MissingFileError
 from exposight.files import DocumentFormat, make_folder, read_text, write_durably
-from exposight.twin.part.corner_normals import CREASE_DEG
-from exposight.twin.part.finishes import Finishes
-from exposight.twin.part.mesh_files import (
+from exposight.geometry.meshes import (
     MESH_SUFFIXES,
     join_meshes,
     mesh_to_ply,
     read_mesh,
     unit_of,
 )
+from exposight.twin.part.corner_normals import CREASE_DEG
+from exposight.twin.part.finishes import Finishes
 from exposight.twin.part.scene import Scene, check_scene
 from exposight.twin.part.surfaces import SURFACES
 

@@ -1,22 +1,17 @@
 """Whether features lie on a mesh: what counts is how near its surface comes to their rings."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import Feature, Part
+from exposight.cell.part import Feature, Part
 from exposight.compiled import njit
 from exposight.errors import FeatureError
-
-MESH_UNITS_MM: Mapping[str, float] = MappingProxyType(
-    {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
-)
-"""Units of length in which meshes are written."""
+from exposight.geometry.meshes import MESH_UNITS_MM
 
 
 def check_placement(
@@ -52,7 +47,8 @@ def check_placement(
         if other != unit and _on_surface(part.features, scaled, faces).all():
             remedy = (
                 f"with a mesh in {other} instead of {unit} every feature would lie on it: set "
-                f'unit = "{other}" in its scene.toml, or write the features in mm'
+                f'unit = "{other}" in its scene.toml (of a mesh alone: --mesh-unit {other}), or '
+                "write the features in mm"
             )
             break
     msg = (

@@ -2,9 +2,10 @@
 
 import io
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 
 from exposight import errors
 from exposight.files import read_bytes
-from exposight.twin.part.placement import MESH_UNITS_MM
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".glb")
+
+MESH_UNITS_MM: Mapping[str, float] = MappingProxyType(
+    {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+)
+"""Units of length in which meshes are written."""
 
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", (3,)), ("finish", "u1")])
 _FLAT = 1e-12
