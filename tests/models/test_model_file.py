@@ -23,6 +23,7 @@ from exposight.models import (
     is_model_file,
     load_model,
     model_named,
+    model_sha256,
     save_model,
 )
 
@@ -137,6 +138,13 @@ def test_a_read_model_gives_the_bytes_it_was_read_from(path, trained):
 
 
 # -- what is in it ------------------------------------------------------------------------------
+
+
+def test_a_models_checksum_is_its_files(path, trained):
+    model = trained(model_named("q_k2"))
+    save_model(path, model)
+    assert model_sha256(model) == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert model_sha256(load_model(path)) == model_sha256(model)
 
 
 def test_a_model_is_an_ordinary_zip_archive_without_pickle(saved):

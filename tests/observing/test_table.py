@@ -20,6 +20,7 @@ from exposight.observing import (
     Observation,
     ObservationTable,
     Visibility,
+    parse_observations,
     read_inputs,
     read_observations,
 )
@@ -149,6 +150,17 @@ def test_every_value_comes_back_exactly(tmp_path_factory, suffix, rows):
     path = tmp_path_factory.mktemp("table") / f"observations{suffix}"
     table_of(*rows).write(path)
     assert rows_of(read_observations(path)) == rows
+
+
+def test_the_bytes_of_a_csv_file_are_a_table(tmp_path):
+    table = table_of(MEASURED, UNMEASURED)
+    table.write(tmp_path / "table.csv")
+    assert rows_of(parse_observations((tmp_path / "table.csv").read_bytes(), "a capture")) == (
+        [MEASURED, UNMEASURED]
+    )
+    for nothing in (b"", b"feature,view\nf1,v1\n"):
+        with pytest.raises(FormatError, match="a capture: "):
+            parse_observations(nothing, "a capture")
 
 
 @suffixes

@@ -1,5 +1,7 @@
 """A sensor's two models of the paper: trained, judged, kept and asked together."""
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,8 @@ def test_models_are_kept_and_come_back(models, hole, tmp_path):
     again = SensorModels.load(tmp_path / "models")
     np.testing.assert_array_equal(again.forecast(hole).p_norm, models.forecast(hole).p_norm)
     assert str(again) == str(models)
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+    assert list(again.checksums.items()) == list(zip(("q_k1", "e_k2"), sums, strict=True))
     assert str(models).splitlines()[1].split() == ["q_k1", "point-cloud", "quality", "i_avg", "60"]
 
 

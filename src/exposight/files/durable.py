@@ -236,15 +236,17 @@ def read_verified(path: Path, sha256: str, what: str) -> bytes:
     return data
 
 
-def hold_writer_lock(folder: Path, what: str) -> BaseFileLock:
-    """Take a folder's lock, which only one writer can hold.
+def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFileLock:
+    """Take a lock that only one writer can hold: of a folder, or of a file in it.
 
     Parameters
     ----------
     folder : Path
-        Where ``writer.lock`` lies, or is made.
+        Where the lock's file lies, or is made.
     what : str
         What is written there, for messages.
+    name : str
+        Name of the lock's file.
 
     Returns
     -------
@@ -256,7 +258,7 @@ def hold_writer_lock(folder: Path, what: str) -> BaseFileLock:
     FileError
         If another writer holds it, or the disk refuses.
     """
-    path = folder / WRITER_LOCK
+    path = folder / name
     lock = FileLock(path, timeout=0, thread_local=False)  # whichever thread releases it
     try:
         lock.acquire()

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from exposight.cell import Capture, Driver, Part, write_numbered_capture
+from exposight.cell import ActiveSensor, Capture, Driver, Part, write_numbered_capture
 from exposight.errors import ExposightError, InputError, SensorError
+from exposight.geometry import RigidTransform
 from exposight.measuring.record import check_record, describe, differing
 from exposight.observing import Observation, ObservationTable, Observer
 from exposight.plans import MeasuringPlan, PlannedView
@@ -119,11 +120,28 @@ def _naming(task: ViewTask, exposure_ms: float | None = None) -> Iterator[None]:
         raise type(error)(msg) from error
 
 
-def _capture(task: ViewTask, exposure_ms: float) -> Capture:
-    """Take a capture and check that it is the one asked for."""
-    view, sensor = task.view, task.plan.sensor
+def take_capture(
+    driver: Driver,
+    sensor: ActiveSensor,
+    exposure_ms: float,
+    camera_from_part: RigidTransform,
+    *,
+    view: str,
+) -> Capture:
+    """Take a capture and check that it is the one asked for.
+
+    Raises
+    ------
+    SensorError
+        If the driver fails, or takes an exposure time that is more than the sensor's increment away
+        from the one asked for.
+    InputError
+        If the capture has another view's name.
+    ExposightError
+        What the driver raises, or if the capture cannot be this sensor's.
+    """
     try:
-        capture = task.driver.capture(exposure_ms, view.camera_from_part, view=view.name)
+        capture = driver.capture(exposure_ms, camera_from_part, view=view)
     except ExposightError:
         raise
     except Exception as error:  # whatever a driver's own libraries raise
@@ -133,7 +151,7 @@ def _capture(task: ViewTask, exposure_ms: float) -> Capture:
         )
         raise SensorError(msg) from error
     capture.check_fits(sensor)
-    if capture.view != view.name:
+    if capture.view != view:
         msg = f"the driver named its capture {capture.view!r}; it must give it the view's name"
         raise InputError(msg)
     increment_ms = sensor.exposure.increment_ms
@@ -144,6 +162,13 @@ def _capture(task: ViewTask, exposure_ms: float) -> Capture:
         )
         raise SensorError(msg)
     return capture
+
+
+def _capture(task: ViewTask, exposure_ms: float) -> Capture:
+    view = task.view
+    return take_capture(
+        task.driver, task.plan.sensor, exposure_ms, view.camera_from_part, view=view.name
+    )
 
 
 def _check_driver(task: ViewTask) -> None:

@@ -2,7 +2,13 @@
 
 from exposight.models.evaluation import Evaluation, ProbabilityScore, evaluate, unit_remarks
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
-from exposight.models.model_file import MODEL_SUFFIX, is_model_file, load_model, save_model
+from exposight.models.model_file import (
+    MODEL_SUFFIX,
+    is_model_file,
+    load_model,
+    model_sha256,
+    save_model,
+)
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
     Hyperparameter,

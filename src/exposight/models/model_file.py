@@ -17,7 +17,7 @@ import numpy as np
 
 from exposight.cell import ActiveSensor
 from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
-from exposight.files import DocumentFormat, check_header, parse_json, write_durably
+from exposight.files import DocumentFormat, check_header, parse_json, sha256_of, write_durably
 from exposight.models.predictor import Predictor, Provenance, predictor_kind
 from exposight.quantities import quantity
 
@@ -72,6 +72,15 @@ def save_model(path: str | Path, model: Predictor) -> None:
     FileError
         If it cannot be written; a file that was there stays whole.
     """
+    write_durably(Path(path), _file_of(model))
+
+
+def model_sha256(model: Predictor) -> str:
+    """Return the SHA-256 of the file that `save_model` writes of a model."""
+    return sha256_of(_file_of(model))
+
+
+def _file_of(model: Predictor) -> bytes:
     content, arrays = model.to_document()
     manifest = _Manifest(
         kind=model.kind,
@@ -93,7 +102,7 @@ def save_model(path: str | Path, model: Predictor) -> None:
         archive.comment = b"0" * _DIGEST_LENGTH
     unsealed = buffer.getvalue()[:-_DIGEST_LENGTH]
     digest = hashlib.sha256(unsealed).hexdigest().encode()
-    write_durably(Path(path), unsealed + digest)
+    return unsealed + digest
 
 
 @overload

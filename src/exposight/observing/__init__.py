@@ -21,4 +21,9 @@ from exposight.observing.observe import (
     open_campaign,
 )
 from exposight.observing.schema import SCHEMA, Observation
-from exposight.observing.table import ObservationTable, read_inputs, read_observations
+from exposight.observing.table import (
+    ObservationTable,
+    parse_observations,
+    read_inputs,
+    read_observations,
+)

@@ -294,6 +294,22 @@ def read_observations(path: str | Path) -> ObservationTable:
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
 
+def parse_observations(csv: bytes, source: str) -> ObservationTable:
+    """Read the observations in the bytes of a CSV file, as `ObservationTable.write` makes it.
+
+    Raises
+    ------
+    FormatError, ObservationError
+        As `read_observations`; the message names `source`.
+    """
+    try:
+        return ObservationTable.from_frame(_parse_csv(csv))
+    except (errors.FormatError, errors.ObservationError, pl.exceptions.PolarsError) as error:
+        kind = type(error) if isinstance(error, errors.ExposightError) else errors.FormatError
+        msg = f"{source}: {str(error).splitlines()[0]}"
+        raise kind(msg) from error
+
+
 def read_inputs(
     path: str | Path, columns: Sequence[str], optional: Sequence[str] = ()
 ) -> pl.DataFrame:
@@ -358,11 +374,7 @@ def _read_frame(path: Path) -> pl.DataFrame:
         match path.suffix.lower():
             case ".csv":
                 _check_separator(path)
-                # Without the types a feature called 007 would become 7. Only columns that are there
-                # are named: releases of polars give types of absent ones to others by position.
-                present = pl.read_csv(path, n_rows=0).columns
-                text = {name: pl.String for name in present if schema.SCHEMA.get(name) == pl.String}
-                return pl.read_csv(path, infer_schema_length=None, schema_overrides=text)
+                return _parse_csv(path.read_bytes())
             case ".parquet":
                 return pl.read_parquet(path)
             case suffix:
@@ -370,6 +382,14 @@ def _read_frame(path: Path) -> pl.DataFrame:
     except (pl.exceptions.PolarsError, OSError) as error:
         msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
         raise errors.FormatError(msg) from error
+
+
+def _parse_csv(csv: bytes) -> pl.DataFrame:
+    # Without the types a feature called 007 would become 7. Only columns that are there are named:
+    # releases of polars give types of absent ones to others by position.
+    present = pl.read_csv(csv, n_rows=0).columns
+    text = {name: pl.String for name in present if schema.SCHEMA.get(name) == pl.String}
+    return pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
 
 
 def _check_separator(path: Path) -> None:

@@ -27,6 +27,7 @@ from exposight.models import (
     evaluate,
     load_model,
     model_named,
+    model_sha256,
     save_model,
     train_all,
     train_window,
@@ -92,6 +93,11 @@ class SensorModels:
     def sensor(self) -> ActiveSensor | None:
         """The sensor that they were trained on, where they know it."""
         return self.exposure.sensor or self.quality.sensor
+
+    @property
+    def checksums(self) -> dict[str, str]:
+        """SHA-256 of each model's file, as `save` writes it, by the model's name."""
+        return {model.name: model_sha256(model) for model in (self.quality, self.exposure)}
 
     def evaluate(self, table: ObservationTable) -> ModelScores:
         """Evaluate both models on held-out observations.
