@@ -1,0 +1,22 @@
+"""Ways to choose exposure times, each in a few lines, for `exposight.planning.compare`."""
+
+from exposight.planning.strategies import (
+    adaptive,
+    brackets,
+    clusters,
+    one_exposure,
+    oracle,
+    pixel_intervals,
+    regions,
+)
+from exposight.planning.strategies.contract import (
+    STRATEGIES,
+    MeasuringCosts,
+    Method,
+    Setup,
+    Strategy,
+    Trial,
+    register,
+    strategies_named,
+    strategy,
+)
