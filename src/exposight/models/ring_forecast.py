@@ -186,6 +186,26 @@ class RingForecast:
         nothing = low > high
         return np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
 
+    def why_never(self) -> tuple[str, ...]:
+        """Say of each ring that reaches `need` at no exposure time why, and what it reaches."""
+        low, _ = self.window_ms()
+        peak = self.window.sign * self._tables.sharp.max(axis=1)
+        at_ms = np.exp(self._tables.grid[self._top] - self.mean)
+        lit, best = self.points.weight.sum(axis=1), self.points.best
+        return tuple(
+            ""
+            if np.isfinite(low[i])
+            else f"reaches {peak[i]:.2f} at best, at {at_ms[i]:.3g} ms: "
+            + (
+                f"only {100 * lit[i]:.0f} % of it is lit and in the frame"
+                if lit[i] < self.need
+                else "its points are where the pose says to that share only"
+                if best[i] < self.need
+                else "parts of it clip before others are bright enough (glare)"
+            )
+            for i in range(len(self.mean))
+        )
+
     def draw_windows(self, draws: int, rng: np.random.Generator) -> FloatArray:
         """Draw both ends of all windows together.
 

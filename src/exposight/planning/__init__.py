@@ -1,10 +1,20 @@
 """Predictors to decisions: what to expect of a view before anything is taken there."""
 
+from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.chain import ChainedQuality, chained_forecast, with_chains
 from exposight.planning.comparison import Comparison, compare
 from exposight.planning.exposure_limits import PROFILES, CaptureCosts, ExposureLimits, limits_named
 from exposight.planning.forecasts import LIKELY, WANTED_BRIGHTNESS, Forecast
 from exposight.planning.model_scores import ModelScores
+from exposight.planning.path_search import Prefer
+from exposight.planning.recommendation import (
+    CONFIDENCE,
+    FeatureOutlook,
+    PlannedExposure,
+    Recommendation,
+    check_confidence,
+    recommend,
+)
 from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels, train
 from exposight.planning.strategies import Setup, Strategy, Trial, strategy
 from exposight.planning.sweeps import Sweep

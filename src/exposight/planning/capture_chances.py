@@ -25,7 +25,6 @@ from scipy.special import ndtr
 
 from exposight.errors import InputError
 from exposight.models import RingForecast
-from exposight.planning.forecasts import Forecast
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -43,7 +42,7 @@ _SHARP = 1e-4
 class CaptureChances:
     """What captures of one view at m exposure times promise for n features.
 
-    Make it with `of` or `of_windows`.
+    `Forecast.chances` makes it.
 
     Parameters
     ----------
@@ -68,6 +67,8 @@ class CaptureChances:
         In each case the chances that the window has begun at an exposure time, and that it lasts.
     chance : (n, m) ndarray
         Chance that one capture serves.
+    never : tuple of str
+        Why a feature without a window has none, where a model knows it.
     """
 
     view: str
@@ -80,46 +81,41 @@ class CaptureChances:
     begun: FloatArray
     lasting: FloatArray
     chance: FloatArray
+    never: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, forecast: Forecast, settings_ms: ArrayLike, *, view: str = "") -> CaptureChances:
-        """Return the chances of a forecast's view.
+    def by_themselves(
+        cls,
+        chance: ArrayLike,
+        settings_ms: ArrayLike,
+        *,
+        features: Sequence[str],
+        need: float,
+        view: str = "",
+        reasons: Sequence[str] = (),
+    ) -> CaptureChances:
+        """Return chances of a model that knows no windows: several captures are as the best one.
 
         Parameters
         ----------
-        forecast : Forecast
-            Of one view; of models without windows at these exposure times.
-        settings_ms : (m,) array_like, ms
-            Exposure times that may be taken, ascending.
-        view : str
-            The view's name.
-
-        Raises
-        ------
-        InputError
-            If there is none, they do not ascend, or the forecast was not made at them.
+        chance : (n, m) array_like
+            Of n features at m settings.
+        settings_ms, features, need, view, reasons
+            As for the class.
         """
-        settings = _checked(settings_ms)
-        n = len(forecast.features)
-        if forecast.rings is not None:
-            return cls.of_rings(forecast.rings, settings, view=view, features=forecast.features)
-        if not np.allclose(settings, forecast.exposures_ms):
-            msg = (
-                f"chances at {len(settings)} exposure times, {settings[0]:g} to {settings[-1]:g} "
-                "ms, need a forecast at the same ones: these models know no windows"
-            )
-            raise InputError(msg)
+        values, settings = np.asarray(chance, dtype=np.float64), _checked(settings_ms)
+        n = len(features)
         return cls(
             view=view,
-            features=forecast.features,
+            features=tuple(features),
             settings_ms=settings,
-            need=forecast.need,
+            need=need,
             windows_ms=np.full((n, 2), np.nan),
-            reasons=forecast.unknown,
+            reasons=tuple(reasons) or ("",) * n,
             weights=np.zeros(0),
             begun=np.zeros((n, 0, len(settings))),
             lasting=np.zeros((n, 0, len(settings))),
-            chance=np.asarray(forecast.chance),
+            chance=values,
         )
 
     @classmethod
@@ -131,7 +127,24 @@ class CaptureChances:
         view: str = "",
         features: Sequence[str] | None = None,
     ) -> CaptureChances:
-        """Return the chances of some rings, each by itself (`of`)."""
+        """Return the chances of the rings of one view.
+
+        Parameters
+        ----------
+        rings : RingForecast
+            What to expect of them.
+        settings_ms : (m,) array_like, ms
+            Exposure times that may be taken, ascending.
+        view : str
+            The view's name.
+        features : sequence of str, optional
+            Names of the features; the forecast's by default.
+
+        Raises
+        ------
+        InputError
+            If there is no setting, or they do not ascend.
+        """
         settings = _checked(settings_ms)
         cases = [
             (weight, first - rings.mean, last - rings.mean)
@@ -148,6 +161,7 @@ class CaptureChances:
             need=rings.need,
             windows_ms=np.column_stack([low_ms, high_ms]),
             reasons=rings.unknown,
+            never=rings.why_never(),
         )
 
     @classmethod
@@ -241,14 +255,28 @@ class CaptureChances:
         return out
 
     @cached_property
-    def later(self) -> FloatArray:
-        """At most so much chance do captures after each exposure time add to one there, (n, m)."""
+    def begins(self) -> FloatArray:
+        """Chance that some capture up to each exposure time can serve, at most, (n, m)."""
         if len(self.weights):
-            exists = (self.lasting[:, :, :1] > 0.0) | (self.begun[:, :, -1:] > 0.0)
-            out: FloatArray = np.einsum("q,nqm->nm", self.weights, (1.0 - self.begun) * exists)
+            out: FloatArray = np.einsum("q,nqm->nm", self.weights, self.begun)
             return out
-        best = np.maximum.accumulate(self.chance[:, ::-1], axis=1)[:, ::-1]
-        return np.maximum(best - self.chance, 0.0)
+        return np.maximum.accumulate(self.chance, axis=1)
+
+    @cached_property
+    def lasts(self) -> FloatArray:
+        """Chance that some capture from each exposure time on can serve, at most, (n, m)."""
+        if len(self.weights):
+            out: FloatArray = np.einsum("q,nqm->nm", self.weights, self.lasting)
+            return out
+        return np.maximum.accumulate(self.chance[:, ::-1], axis=1)[:, ::-1]
+
+    @property
+    def later(self) -> FloatArray:
+        """At most so much chance do captures after each exposure time add to one there, (n, m).
+
+        What serves later and not now has a window that has not begun.
+        """
+        return np.maximum(self.lasts - self.chance, 0.0)
 
     def both(self, places: Sequence[int]) -> FloatArray:
         """Return the chances that two captures both serve, (n, q, q), for q settings' places."""
@@ -297,6 +325,7 @@ class CaptureChances:
             begun=self.begun[rows],
             lasting=self.lasting[rows],
             chance=self.chance[rows],
+            never=tuple(self.never[i] for i in rows) if self.never else (),
         )
 
 

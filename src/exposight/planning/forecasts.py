@@ -1,11 +1,8 @@
-"""What to expect of a view before anything is taken there, whichever models say it.
-
-This is not a plan yet: one exposure time is chosen for the view, and no pose is.
-"""
+"""What to expect of a view before anything is taken there, whichever models say it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -18,6 +15,15 @@ from exposight.cell import GREY_MAX
 from exposight.errors import InputError
 from exposight.files import write_durably
 from exposight.models import RingForecast, best_exposure
+from exposight.planning.capture_chances import CaptureChances
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.path_search import Prefer
+from exposight.planning.recommendation import (
+    CONFIDENCE,
+    Recommendation,
+    check_confidence,
+    recommend,
+)
 from exposight.tables import Column, Table, counted, number
 
 WANTED_BRIGHTNESS = 80.0
@@ -41,6 +47,9 @@ _COLUMNS = (
     Column(name="wanted_ms_high", label="+2σ", digits=3),
     Column(name="known"),
 )
+
+_SETTINGS = 72
+"""Settings among which exposures are chosen."""
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -76,6 +85,8 @@ class Forecast:
         What is odd about all of it.
     rings : RingForecast or None
         The default models' forecast, which knows windows of exposure times and draws them jointly.
+    limits : ExposureLimits or None
+        What the sensor can be set to, where the models know it.
     """
 
     features: tuple[str, ...]
@@ -91,9 +102,12 @@ class Forecast:
     source: tuple[str, ...]
     remarks: tuple[str, ...] = ()
     rings: RingForecast | None = None
+    limits: ExposureLimits | None = None
 
     @classmethod
-    def of(cls, rings: RingForecast, features: Sequence[str]) -> Forecast:
+    def of(
+        cls, rings: RingForecast, features: Sequence[str], limits: ExposureLimits | None = None
+    ) -> Forecast:
         """Return the forecast of one view's rings, with the names of their features."""
         return cls(
             features=tuple(features),
@@ -109,6 +123,7 @@ class Forecast:
             source=rings.source,
             remarks=rings.remarks,
             rings=rings,
+            limits=limits,
         )
 
     @property
@@ -152,6 +167,115 @@ class Forecast:
     @property
     def _best(self) -> int:
         return best_exposure(self.chance, self.knows)
+
+    def chances(
+        self, limits: ExposureLimits | None = None, *, count: int = _SETTINGS, view: str = ""
+    ) -> CaptureChances:
+        """Return what captures at the sensor's settings promise, each and several together.
+
+        Parameters
+        ----------
+        limits : ExposureLimits, optional
+            What the sensor can be set to; the forecast's own exposure times by default, and always
+            of models that know no windows: make the forecast at allowed ones.
+        count : int
+            Settings to look at, at about equal ratios over all features' windows.
+        view : str
+            The view's name.
+
+        Raises
+        ------
+        InputError
+            If no setting can serve any feature.
+        """
+        times: Sequence[float] | FloatArray = self.exposures_ms
+        if self.rings is None:
+            return CaptureChances.by_themselves(
+                self.chance,
+                times,
+                features=self.features,
+                need=self.need,
+                view=view,
+                reasons=self.unknown,
+            )
+        if limits is not None:
+            times = limits.settings(*self._useful_ms(limits), count)
+            if not len(times):  # then the nearest show why
+                times = limits.settings(limits.min_ms, limits.max_ms, count)
+        return CaptureChances.of_rings(self.rings, times, view=view, features=self.features)
+
+    def _useful_ms(self, limits: ExposureLimits) -> tuple[float, float]:
+        """Return the exposure times between which any feature may be served."""
+        assert self.rings is not None
+        low, high = self.rings.window_ms(0.02)
+        if not np.isfinite(low).any():
+            return limits.min_ms, limits.max_ms
+        ends = float(np.nanmin(low)), float(np.nanmax(high))
+        return max(ends[0], limits.min_ms), min(ends[1], limits.max_ms)
+
+    def recommend(
+        self,
+        limits: ExposureLimits | None = None,
+        costs: CaptureCosts | None = None,
+        *,
+        at_least: float | None = None,
+        confidence: float = CONFIDENCE,
+        prefer: Prefer = "margin",
+        view: str = "",
+        hidden: Mapping[str, str] | None = None,
+    ) -> Recommendation:
+        """Recommend the fewest exposures that serve the features, and say which will fail and why.
+
+        Parameters
+        ----------
+        limits : ExposureLimits, optional
+            What the sensor can be set to; the sensor's own by default, where the models know it.
+        costs : CaptureCosts, optional
+            What captures take.
+        at_least : float, optional
+            Quality that is asked for, in place of `need`; of the default models.
+        confidence : float
+            Chance that each feature shall have.
+        prefer : {"margin", "time"}
+            Among the fewest: those with the greatest least chance, or those that take least.
+        view : str
+            The view's name.
+        hidden : mapping of str to str, optional
+            Features that the view does not see, and why.
+
+        Raises
+        ------
+        InputError
+            If the confidence is not between 0 and 1, or these models cannot forecast another
+            quality.
+        """
+        check_confidence(confidence)
+        limits = limits or self.limits
+        asked = self
+        if at_least is not None and at_least != self.need:
+            if self.rings is None:
+                msg = f"this forecast is for {self.need:g}; make another one with need={at_least:g}"
+                raise InputError(msg)
+            asked = Forecast.of(
+                self.rings.at(self.exposures_ms, at_least), self.features, self.limits
+            )
+        times = self.exposures_ms
+        return recommend(
+            asked.chances(limits, view=view),
+            limits
+            or ExposureLimits(
+                name="the forecast's exposure times",
+                min_ms=min(times),
+                max_ms=max(times),
+                increment_ms=min(times),
+                allowed_ms=times,
+            ),
+            costs,
+            confidence=confidence,
+            prefer=prefer,
+            hidden=hidden,
+            remarks=asked.remarks,
+        )
 
     def write(self, path: str | Path) -> None:
         """Write `frame` as a CSV file, durably."""

@@ -34,8 +34,11 @@ from exposight.models import (
 )
 from exposight.observing import ObservationTable, View
 from exposight.planning.chain import ChainedQuality, chained_forecast
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.forecasts import Forecast, check_forecast
 from exposight.planning.model_scores import ModelScores
+from exposight.planning.path_search import Prefer
+from exposight.planning.recommendation import CONFIDENCE, Recommendation
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
 from exposight.workers import Progress, ignore_progress
@@ -161,7 +164,7 @@ class SensorModels:
             rings = self.quality.forecast(poses, times_ms, trial=trial, need=need)
             if exposures_ms is None:
                 rings = rings.at(self._times_of(rings))
-            return Forecast.of(rings, poses["feature"].to_list())
+            return Forecast.of(rings, poses["feature"].to_list(), self.limits)
         if trial is not None:
             msg = (
                 f"{self.quality.name} and {self.exposure.name} cannot learn from a trial capture; "
@@ -170,6 +173,58 @@ class SensorModels:
             raise InputError(msg)
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
         return chained_forecast(self.quality, self.exposure, poses, times_ms, need)
+
+    @property
+    def limits(self) -> ExposureLimits | None:
+        """What the sensor that they were trained on can be set to."""
+        return None if self.sensor is None else ExposureLimits.of(self.sensor)
+
+    def recommend(
+        self,
+        view: View,
+        limits: ExposureLimits | None = None,
+        costs: CaptureCosts | None = None,
+        *,
+        need: float = P_NORM_MIN,
+        confidence: float = CONFIDENCE,
+        prefer: Prefer = "margin",
+        trial: ObservationTable | None = None,
+    ) -> Recommendation:
+        """Recommend the fewest exposures of a view, and say which features will fail and why.
+
+        Parameters
+        ----------
+        view, trial, need
+            As for `forecast`.
+        limits : ExposureLimits, optional
+            What the sensor can be set to; as the models know it by default.
+        costs, confidence, prefer
+            As for `Forecast.recommend`.
+
+        Raises
+        ------
+        ExposightError
+            As for `forecast` and `Forecast.recommend`.
+        """
+        limits = limits or self.limits
+        times: Sequence[float] | None = None
+        if limits is not None and not isinstance(self.quality, WindowModel):
+            usual = self._usual_exposures_ms()
+            times = limits.settings(min(usual), max(usual), _EXPOSURES).tolist()
+            if not times:
+                msg = f"limits leave nothing: {limits.why_none(min(usual), max(usual))}"
+                raise InputError(msg)
+        elif limits is not None:
+            times = (min(max(1.0, limits.min_ms), limits.max_ms),)  # windows say which are of use
+        forecast = self.forecast(view, times, trial=trial, need=need)
+        hidden = {
+            each.feature.name: each.visibility.value
+            for each in view.features
+            if each not in view.visible
+        }
+        return forecast.recommend(
+            limits, costs, confidence=confidence, prefer=prefer, view=view.name, hidden=hidden
+        )
 
     def _times_of(self, rings: RingForecast) -> tuple[float, ...]:
         """Return settings from where the brightest feature is dark to where the darkest clips."""

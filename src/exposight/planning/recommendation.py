@@ -1,0 +1,477 @@
+"""Which exposures to take of one view, and which features will fail.
+
+The fewest settings of the sensor that bring every feature that can be brought there to the
+confidence asked; among the fewest the most robust, or the shortest. What cannot reach the
+confidence is not dropped: it is served as well as may be, and its chance is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from exposight.errors import InputError
+from exposight.planning.capture_chances import CaptureChances
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.path_search import Path, Prefer, fewest_captures, most_served
+from exposight.tables import Column, Table, counted, number
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+Status = Literal["planned", "best effort", "not planned"]
+
+CONFIDENCE = 0.9
+"""Chance that every feature shall have, unless another is asked for."""
+
+WORTH_TRYING = 0.5
+"""A feature that cannot reach the confidence is tried where it is more likely than not."""
+
+_AS_GOOD = 1e-3
+"""Chances that differ by less are taken as alike."""
+
+_MOST = 12
+"""Captures of a view, where its sensor sets no limit."""
+
+_COLUMNS = (
+    Column(name="feature"),
+    Column(name="status"),
+    Column(name="exposure_ms", digits=4),
+    Column(name="chance", label="chance\n%", decimals=1, scale=100.0),
+    Column(name="window_low_ms", label="window from\nms", digits=3),
+    Column(name="window_high_ms", label="to\nms", digits=3),
+    Column(name="reason", wraps=True),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedExposure:
+    """One capture of a view.
+
+    Parameters
+    ----------
+    exposure_ms : float, ms
+        Exposure time.
+    set_value, set_unit : float, str
+        The same as the sensor is set to it.
+    order : int
+        Which of the view's captures it is, from 1.
+    covers : tuple of str
+        Features that this capture serves best.
+    """
+
+    exposure_ms: float
+    set_value: float
+    set_unit: str
+    order: int
+    covers: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureOutlook:
+    """What is planned for a feature, and how sure it is.
+
+    Parameters
+    ----------
+    feature : str
+    status : {"planned", "best effort", "not planned"}
+        Whether it reaches the confidence; is tried though it does not; or cannot be had.
+    chance : float
+        That at least one of the captures serves it.
+    view : str or None
+        The view whose captures serve it.
+    exposure_ms : float or None, ms
+        The capture that serves it best.
+    window_ms : (float, float) or None, ms
+        Exposure times between which it is expected to reach the quality.
+    reason : str
+        Why it fails, or is not to be relied on; empty for one that is to succeed.
+    """
+
+    feature: str
+    status: Status
+    chance: float
+    view: str | None = None
+    exposure_ms: float | None = None
+    window_ms: tuple[float, float] | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recommendation:
+    """The exposures to take of one view.
+
+    Parameters
+    ----------
+    view : str
+        The view's name.
+    need, confidence : float
+        Quality that is asked for, and the chance with which.
+    limits : ExposureLimits
+        What the sensor can be set to.
+    costs : CaptureCosts
+        What captures take.
+    prefer : {"margin", "time"}
+        Which of the fewest were chosen.
+    exposures : tuple of PlannedExposure
+        What to take, in order.
+    features : tuple of FeatureOutlook
+        What becomes of each feature that the view sees.
+    hidden : mapping of str to str
+        Features that it does not see, and why.
+    proven : bool
+        Whether it is proven that fewer captures do not bring as many features to the confidence.
+    remarks : tuple of str
+        What is odd about all of it.
+    chances : CaptureChances
+        What it was chosen by.
+    """
+
+    view: str
+    need: float
+    confidence: float
+    limits: ExposureLimits
+    costs: CaptureCosts
+    prefer: Prefer
+    exposures: tuple[PlannedExposure, ...]
+    features: tuple[FeatureOutlook, ...]
+    proven: bool
+    hidden: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    chances: CaptureChances = field(repr=False)
+
+    @property
+    def exposures_ms(self) -> tuple[float, ...]:
+        """The exposure times, ms, in order."""
+        return tuple(each.exposure_ms for each in self.exposures)
+
+    @property
+    def time_ms(self) -> float:
+        """What the captures take, ms."""
+        return float(sum(self.costs.capture_ms(each) for each in self.exposures_ms))
+
+    @property
+    def expected(self) -> float:
+        """Number of features to expect."""
+        return float(sum(each.chance for each in self.features))
+
+    @property
+    def expected_misses(self) -> float:
+        """Number of features that are to be expected to fail."""
+        return len(self.features) - self.expected
+
+    @property
+    def planned(self) -> tuple[FeatureOutlook, ...]:
+        """Features that reach the confidence."""
+        return tuple(each for each in self.features if each.status == "planned")
+
+    @property
+    def failing(self) -> tuple[FeatureOutlook, ...]:
+        """Features that do not reach it."""
+        return tuple(each for each in self.features if each.status != "planned")
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a sentence."""
+        n = len(self.features)
+        if not self.exposures:
+            return f"take none: no exposure time serves any of {counted(n, 'feature')}"
+        times = ", ".join(number(each) for each in self.exposures_ms)
+        share = f"{len(self.planned)} of {counted(n, 'feature')} will reach {self.need:g}"
+        return (
+            f"take {counted(len(self.exposures), 'exposure')}, {times} ms: {share} with a chance "
+            f"of {100 * self.confidence:g} % or more"
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Who fails and why, reasons that are alike together; and remarks."""
+        reasons: dict[str, list[str]] = {}
+        for each in self.features:
+            if each.reason:
+                chance = f" ({100 * each.chance:.0f} %)" if each.status == "best effort" else ""
+                reasons.setdefault(each.reason, []).append(f"{each.feature}{chance}")
+        for name, reason in self.hidden.items():
+            reasons.setdefault(f"not seen, {reason}", []).append(name)
+        return (
+            *(f"{', '.join(names)}: {reason}" for reason, names in reasons.items()),
+            *self.remarks,
+        )
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """A row for each feature: columns as in `FeatureOutlook`, the window's ends apart."""
+        windows = [each.window_ms or (None, None) for each in self.features]
+        names = ("feature", "status", "chance", "view", "exposure_ms", "reason")
+        types = {"exposure_ms": pl.Float64, "chance": pl.Float64}
+        return pl.DataFrame(
+            {name: [getattr(each, name) for each in self.features] for name in names},
+            schema_overrides=types,
+        ).with_columns(
+            pl.Series("window_low_ms", [low for low, _ in windows], dtype=pl.Float64),
+            pl.Series("window_high_ms", [high for _, high in windows], dtype=pl.Float64),
+        )
+
+    @property
+    def table(self) -> Table:
+        """The features, those that fail first."""
+        order = pl.Series([each.status == "planned" for each in self.features])
+        frame = self.frame.with_columns(order.alias("_planned")).sort(
+            "_planned", "chance", "feature"
+        )
+        columns = _COLUMNS if any(each.reason for each in self.features) else _COLUMNS[:-1]
+        return Table(name="features", frame=frame.drop("_planned"), columns=columns)
+
+    def __str__(self) -> str:
+        return "\n".join((self.verdict, str(self.table), *self.notes))
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self.verdict}</p>{self.table._repr_html_()}"
+
+
+def check_confidence(confidence: float) -> float:
+    """Return a confidence that lies between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    if not 0.0 < confidence < 1.0:
+        msg = f"confidence is a chance above 0 and below 1, such as 0.9, got {confidence:g}"
+        raise InputError(msg)
+    return float(confidence)
+
+
+def recommend(
+    chances: CaptureChances,
+    limits: ExposureLimits,
+    costs: CaptureCosts | None = None,
+    *,
+    confidence: float = CONFIDENCE,
+    prefer: Prefer = "margin",
+    hidden: Mapping[str, str] | None = None,
+    remarks: Sequence[str] = (),
+) -> Recommendation:
+    """Recommend the exposures of one view.
+
+    Parameters
+    ----------
+    chances : CaptureChances
+        At settings that `limits` allow.
+    limits : ExposureLimits
+        What the sensor can be set to.
+    costs : CaptureCosts, optional
+        What captures take; exposure time alone by default.
+    confidence : float
+        Chance that each feature shall have.
+    prefer : {"margin", "time"}
+        Among the fewest captures: those with the greatest least chance, or those that take least.
+    hidden : mapping of str to str, optional
+        Features that the view does not see, and why.
+    remarks : sequence of str
+        Of the forecast.
+
+    Raises
+    ------
+    InputError
+        If the confidence is not between 0 and 1, or there is no feature.
+    """
+    check_confidence(confidence)
+    costs = costs or CaptureCosts()
+    if not chances.features:
+        msg = "there is no feature to recommend exposures for"
+        raise InputError(msg)
+    targets = targets_of(chances, confidence)
+    path = chosen_path(chances, targets, limits, costs, prefer)
+    outlook = outlook_of(chances, path.places, targets, confidence, limits)
+    return Recommendation(
+        view=chances.view,
+        need=chances.need,
+        confidence=confidence,
+        limits=limits,
+        costs=costs,
+        prefer=prefer,
+        exposures=planned_exposures(chances, path.places, limits),
+        features=outlook,
+        hidden=dict(hidden or {}),
+        proven=path.proven,
+        remarks=tuple(remarks),
+        chances=chances,
+    )
+
+
+def targets_of(chances: CaptureChances, confidence: float) -> FloatArray:
+    """Return the chance to plan for each feature, (n,): 0 where it is not worth trying.
+
+    The confidence where all settings together reach it; otherwise 95 % of what the best single
+    capture gives, if that is more likely than not.
+    """
+    best = chances.chance.max(axis=1)
+    possible = np.maximum(chances.any_of(range(len(chances.settings_ms))), best)
+    second_best = np.where(best >= WORTH_TRYING, 0.95 * best, 0.0)
+    return np.where(possible >= confidence, confidence, np.minimum(second_best, confidence))
+
+
+def chosen_path(
+    chances: CaptureChances,
+    targets: FloatArray,
+    limits: ExposureLimits,
+    costs: CaptureCosts,
+    prefer: Prefer,
+) -> Path:
+    """Return the fewest captures that reach all targets; as good as may be where limits forbid."""
+    if not (targets > 0.0).any():
+        return Path((), proven=True)
+    m = len(chances.settings_ms)
+    least = min(limits.least_per_view, m)
+    most = min(limits.most_per_view or _MOST, m)
+    times = np.array([costs.capture_ms(each) for each in chances.settings_ms])
+    path = fewest_captures(chances, targets, times, prefer=prefer, least=least, most=most)
+    if path is None:
+        return most_served(chances, targets, times, count=most)
+    return path if prefer == "time" else Path(_centred(chances, path.places, targets), path.proven)
+
+
+def _centred(
+    chances: CaptureChances, places: tuple[int, ...], targets: FloatArray
+) -> tuple[int, ...]:
+    """Move settings to the middle of the windows that they serve, where chances are as good there.
+
+    Far from the edges chances differ by less than a model can tell.
+    """
+    log_ms, least = np.log(chances.settings_ms), _least(chances, places, targets)
+    best = chances.chance[:, list(places)].argmax(axis=1)
+    for i in range(len(places)):
+        ends = np.log(chances.windows_ms[(best == i) & (targets > 0.0)])
+        ends = ends[np.isfinite(ends).all(axis=1)]
+        if not len(ends):
+            continue
+        middle = 0.5 * (ends[:, 0].max() + ends[:, 1].min())
+        moved = (*places[:i], int(np.abs(log_ms - middle).argmin()), *places[i + 1 :])
+        if len({*moved}) == len(places) and _least(chances, moved, targets) >= least - _AS_GOOD:
+            places = moved
+    return tuple(sorted(places))
+
+
+def _least(chances: CaptureChances, places: Sequence[int], targets: FloatArray) -> float:
+    """Return the least chance of the features to be served; 0 where a target is missed."""
+    total, asked = chances.any_of(places), targets > 0.0
+    reached = bool((total[asked] >= targets[asked] - 1e-9).all())
+    return float(total[asked].min()) if reached else 0.0
+
+
+def planned_exposures(
+    chances: CaptureChances, places: Sequence[int], limits: ExposureLimits
+) -> tuple[PlannedExposure, ...]:
+    """Return captures in the order in which they are taken.
+
+    Ascending; where a sensor keeps the lowest-numbered one that sees a point, the surest first.
+    """
+    if not places:
+        return ()
+    chosen = chances.chance[:, list(places)]
+    best = chosen.argmax(axis=1)
+    serves = [
+        tuple(
+            name
+            for name, place, chance in zip(chances.features, best, chosen, strict=True)
+            if place == i and chance[i] > 0.0
+        )
+        for i in range(len(places))
+    ]
+    order = list(range(len(places)))
+    if limits.lowest_wins:
+        order.sort(key=lambda i: -float(chosen[:, i].sum()))
+    times = [float(chances.settings_ms[places[i]]) for i in order]
+    return tuple(
+        PlannedExposure(
+            exposure_ms=exposure_ms,
+            set_value=limits.set_value(exposure_ms),
+            set_unit=limits.unit,
+            order=number,
+            covers=serves[i],
+        )
+        for number, (i, exposure_ms) in enumerate(zip(order, times, strict=True), start=1)
+    )
+
+
+def outlook_of(
+    chances: CaptureChances,
+    places: Sequence[int],
+    targets: FloatArray,
+    confidence: float,
+    limits: ExposureLimits,
+) -> tuple[FeatureOutlook, ...]:
+    """Return what becomes of each feature if these captures are taken."""
+    total = chances.any_of(places)
+    out = []
+    for i, name in enumerate(chances.features):
+        reached = bool(total[i] >= confidence - 1e-9)
+        tried = len(places) > 0 and (targets[i] > 0.0 or total[i] >= WORTH_TRYING)
+        status: Status = "planned" if reached else "best effort" if tried else "not planned"
+        single = chances.chance[i, list(places)]
+        low, high = chances.windows_ms[i].tolist()
+        served = status != "not planned"
+        out.append(
+            FeatureOutlook(
+                feature=name,
+                status=status,
+                chance=float(total[i]),
+                view=chances.view if served else None,
+                exposure_ms=float(chances.settings_ms[places[int(single.argmax())]])
+                if served
+                else None,
+                window_ms=(low, high) if np.isfinite([low, high]).all() else None,
+                reason=chances.reasons[i]
+                or ("" if reached else why_not(chances, i, limits, targets[i] >= confidence)),
+            )
+        )
+    return tuple(out)
+
+
+def why_not(chances: CaptureChances, i: int, limits: ExposureLimits, possible: bool) -> str:
+    """Return why a feature does not reach the confidence.
+
+    Parameters
+    ----------
+    chances : CaptureChances
+        Of its view.
+    i : int
+        Its place.
+    limits : ExposureLimits
+        What the sensor can be set to.
+    possible : bool
+        Whether more captures would help.
+    """
+    if possible:
+        return f"needs more captures than the {limits.most_per_view or _MOST} that a view may have"
+    low, high = chances.windows_ms[i].tolist()
+    best = float(chances.chance[i].max())
+    at = f"at best {100 * best:.0f} %, at {number(_best_ms(chances, i), 3)} ms"
+    if not np.isfinite([low, high]).all():
+        if chances.never and chances.never[i]:
+            return chances.never[i]
+        return f"not sure enough at any exposure time: {at}"
+    if low > limits.max_ms:
+        return (
+            f"too dark: needs {number(low, 3)} ms or more, the sensor's longest is "
+            f"{number(limits.max_ms)} ms"
+        )
+    if high < limits.min_ms:
+        return (
+            f"too bright: clips from {number(high, 3)} ms on, the sensor's shortest is "
+            f"{number(limits.min_ms)} ms"
+        )
+    window = f"{number(low, 3)}–{number(high, 3)} ms"
+    return limits.why_none(low, high) or f"its window of {window} is too narrow to be sure: {at}"
+
+
+def _best_ms(chances: CaptureChances, i: int) -> float:
+    """Return the middle of the settings that serve a feature best."""
+    best = np.flatnonzero(chances.chance[i] >= chances.chance[i].max() - 1e-6)
+    return float(chances.settings_ms[best[len(best) // 2]])
