@@ -149,6 +149,7 @@ def test_paths_begin_at_the_plans_folder(sheet_plan, tmp_path):
         ({"lighting": "IV"}, "'lighting': expected 'I', 'II' or 'III', got \"IV\""),
         ({"finish": "gold"}, "finish 'gold' is not known; expected one of bare, primer"),
         ({"lighting": -0.1}, "from 0 up, got -0.1"),
+        ({"lamp": 0}, "lamp must be a share of its power above 0, got 0"),
         ({"alignment": {"robot_mm": 1}}, r"alignment\.robot_mm' is unknown"),
         ({"alignment": {"kinematic_max_mm": -3}}, "kinematic_max_mm must be a number from 0 up"),
         ({"kinematic_share": {"near": 2}}, "kinematic_share of 'near' must be from 0 to 1, got 2"),
@@ -206,6 +207,17 @@ def test_another_finish_is_another_cell(sheet_plan, cell):
     assert primer.description()["scene_sha256"] != bare.description()["scene_sha256"]
     assert (bare.scene.face_finish == 0).all()
     assert json.loads(json.dumps(bare.description())) == bare.description()
+
+
+def test_half_the_lamp_takes_twice_the_time(one_view, cell):
+    (view,) = one_view.views(cell(one_view).part)
+    means = [
+        cell(one_view, lamp=lamp).capture(t, view.camera_from_part, view=view.name).image.mean()
+        for lamp, t in ((None, 30.0), (1.0, 30.0), (0.5, 60.0), (0.5, 30.0))
+    ]
+    assert means[0] == means[1]
+    assert means[2] == pytest.approx(means[0], rel=0.01)
+    assert means[3] < 0.9 * means[0]  # the black level stays
 
 
 def test_the_part_says_on_which_finish_its_features_are(sheet_plan, cell):

@@ -154,6 +154,8 @@ class SimulatedCellSettings:
     lighting : {'I', 'II', 'III'} or float
         Light besides the projector's: a scenario of Sect. 4.1 of the paper (closed cell, its LED
         on, open cell), or ambient irradiance as a share of the fully lit projector's at the TCP.
+    lamp : float, optional
+        Power of the projector's lamp as a share of the nominal one, as of an aged or a new lamp.
     alignment : AlignmentErrors
         How wrong reported poses are.
     kinematic_share : mapping of str to float, 0 to 1
@@ -185,6 +187,7 @@ class SimulatedCellSettings:
     """
 
     lighting: Lighting | float = "I"
+    lamp: float | None = None
     alignment: AlignmentErrors = field(default_factory=AlignmentErrors)
     kinematic_share: Mapping[str, float] = field(default_factory=dict, hash=False)
     finish: str | None = None
@@ -199,6 +202,9 @@ class SimulatedCellSettings:
         if self.scene is not None:  # worker processes may be elsewhere
             object.__setattr__(self, "scene", Path(self.scene).resolve())
         ambient_share(self.lighting)  # refuses others
+        if self.lamp is not None and not 0.0 < self.lamp < math.inf:
+            msg = f"simulated cell: lamp must be a share of its power above 0, got {self.lamp}"
+            raise InputError(msg)
         if self.scene is None:  # else the scene may know more finishes
             self.finishes.check_names()
         for name, share in self.kinematic_share.items():

@@ -306,7 +306,12 @@ def sensor_model(
         If the sensor cannot be simulated.
     """
     settings = sensors.sensor_settings(sensor, cell.sensor)
-    light = LightModel(projector=settings.projector, camera=settings.lens, lighting=cell.lighting)
+    light = LightModel(
+        projector=settings.projector,
+        camera=settings.lens,
+        lighting=cell.lighting,
+        lamp=cell.lamp or 1.0,
+    )
     if len(sensor.cameras) > 1:
         dots = sensors.DotSensor(
             sensor=sensor,

@@ -6,7 +6,7 @@ A view is traced as a whole, or in boxes round the features only; a pixel's ligh
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,15 @@ class LightModel:
         Light besides the projector's (`ambient_share`).
     indirect : bool
         Whether light takes the way by a second surface.
+    lamp : float
+        Power of the projector's lamp, as a share of the nominal one; other light stays.
     """
 
     projector: optics.ProjectorLens = field(default_factory=optics.ProjectorLens)
     camera: optics.CameraLens = field(default_factory=optics.CameraLens)
     lighting: optics.Lighting | float = "I"
     indirect: bool = True
+    lamp: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,6 +193,11 @@ def trace_view(
     frame = whole_frame(eye.camera)
     wanted = [frame] if boxes is None else disjoint_boxes([_cut(box, frame) for box in boxes])
     tiles = tuple(_trace_tile(tracer, eye, lamp, model, box, ambient) for box in wanted)
+    if model.lamp != 1.0:
+        tiles = tuple(
+            replace(tile, direct=model.lamp * tile.direct, indirect=model.lamp * tile.indirect)
+            for tile in tiles
+        )
     return ViewLight(camera=eye.camera, camera_from_part=camera_from_part, model=model, tiles=tiles)
 
 
