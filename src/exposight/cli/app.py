@@ -30,6 +30,7 @@ COMMANDS = {
     "evaluate": "Evaluate models on held-out observations.",
     "predict": "Predict quality or exposure time from poses.",
     "forecast": "Forecast the quality of every visible feature over exposure time.",
+    "recommend": "Recommend the exposures of a view, and name the features that will fail.",
     "propose": "Name the capture that would tell most of what is to be measured.",
     "report": "Write a page about a campaign and models.",
     "reproduce": "Repeat the paper's study and compare it with the published numbers.",

@@ -60,8 +60,16 @@ class ViewOptions(PoseOptions):
         UsageError
             If options are missing or contradict each other.
         ExposightError
-            If a file cannot be used, or there is no such view.
+            If a file cannot be used, there is no such view, or it sees no feature.
         """
+        view = self._view()
+        if not view.visible:
+            reasons = {feature.visibility.value for feature in view.features}
+            msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
+            raise InputError(msg)
+        return view
+
+    def _view(self) -> View:
         if self.campaign is not None and self.sensor is None and self.features is None:
             campaign = open_campaign(self.campaign)
             if self.view is None:
@@ -139,11 +147,7 @@ def forecast_command(
         if path is not None
     )
     view = options.seen()
-    if not view.visible:
-        reasons = {feature.visibility.value for feature in view.features}
-        msg = f"no feature is visible from this pose: {', '.join(sorted(reasons))}"
-        raise InputError(msg)
-    observed = None if trial is None else _trial(trial, view.name)
+    observed = None if trial is None else read_trial(trial, view.name)
     forecast = sensor_models.forecast(view, exposures_ms, trial=observed, need=need)
     if csv is not None:
         forecast.write(csv)
@@ -176,7 +180,7 @@ def forecast_command(
     )
 
 
-def _trial(path: Path, view: str) -> ObservationTable:
+def read_trial(path: Path, view: str) -> ObservationTable:
     """Return what a table or a campaign shows; of a campaign that view alone, if it has a name."""
     if not (path / "campaign.json").is_file():
         return read_observations(path)

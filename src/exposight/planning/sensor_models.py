@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from exposight.cell import GREY_MAX, ActiveSensor
-from exposight.errors import InputError
+from exposight.errors import InputError, SensorError
 from exposight.files import make_folder
 from exposight.models import (
     EXPOSURE,
@@ -171,6 +171,13 @@ class SensorModels:
                 f"the default models, {' and '.join(DEFAULT_MODELS)}, can"
             )
             raise InputError(msg)
+        shown_by = view.shared.get("sensor")
+        if self.sensor is not None and shown_by not in {None, self.sensor.name}:
+            msg = (
+                f"the view is of sensor {shown_by!r}, the models were trained on "
+                f"{self.sensor.name!r}; train models for that sensor"
+            )
+            raise SensorError(msg)
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
         return chained_forecast(self.quality, self.exposure, poses, times_ms, need)
 

@@ -9,6 +9,7 @@ from exposight.report.campaign_summary import ModelResult
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
 from exposight.report.part_plot import PartMesh, read_part_mesh
+from exposight.report.recommendation_figure import recommendation_picture
 from exposight.report.reliability_figure import reliability_picture
 from exposight.report.sensor_check_page import sensor_check_page, write_sensor_check
 from exposight.report.study_page import write_study
