@@ -501,3 +501,13 @@ def test_misaligned_views_lower_the_best_quality_that_is_forecast(
     forecast = model.forecast(rings_of(unseen), TIMES)
     assert forecast.p_norm.max() == pytest.approx(0.9, abs=0.02)
     assert forecast.at(TIMES, need=0.95).chance.max() < 0.05
+
+
+def test_rows_of_merged_captures_are_not_learnt_from() -> None:
+    table = observed()
+    source = pl.when(pl.col("view") == pl.first("view")).then(pl.lit("merged"))
+    merged = ObservationTable(
+        frame=table.frame.with_columns(brightness_source=source.otherwise("brightness_source"))
+    )
+    with pytest.raises(ObservationError, match="merged captures"):
+        train_window(merged, sensor=SENSOR)

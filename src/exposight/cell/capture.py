@@ -6,7 +6,7 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
@@ -47,7 +47,8 @@ class Capture:
     view : str
         Name of the sensor's position, the same for all exposure times there.
     exposure_ms : float, ms
-        Exposure time that was really taken, as the sensor reports it.
+        Exposure time that was really taken, as the sensor reports it; the longest of those that
+        were merged.
     image : (rows, columns) ndarray of uint8 or uint16
         One image of the first camera, in which brightness is averaged (Sect. 3.1.2 of the paper);
         `brightness_source` says which. Copied, made read-only.
@@ -67,7 +68,7 @@ class Capture:
         from a campaign's folder are read when they are looked up.
     stack : StackImages or None
         What all its frames tell of each pixel, in the image's size and bit depth; copied likewise.
-    brightness_source : {"stripe", "stripes-mean", "texture", "dots"}
+    brightness_source : {"stripe", "stripes-mean", "texture", "dots", "merged"}
         What the image is (`BrightnessSource`).
 
     Raises
@@ -120,6 +121,8 @@ class Capture:
         return CaptureKey(self.view, self.exposure_ms)
 
     def __str__(self) -> str:
+        if self.brightness_source == "merged":
+            return f"merged capture of view {self.view!r}, up to {self.exposure_ms:g} ms"
         return f"capture of view {self.view!r} at {self.exposure_ms:g} ms"
 
     def require_cloud(self) -> Cloud:
@@ -231,8 +234,9 @@ _DESCRIBED = (
 )
 """Fields that a capture and its description share."""
 
-_FORMAT = files.DocumentFormat("exposight capture", 3, CaptureDescription)
-"""2: a capture may lack its cloud, and have attachments. 3: it may have stack images."""
+_FORMAT = files.DocumentFormat("exposight capture", 4, CaptureDescription)
+"""2: a capture may lack its cloud, and have attachments. 3: it may have stack images. 4: it may be
+merged; others are written as 3, which older versions of exposight read."""
 
 
 def write_capture(folder: Path, capture: Capture) -> None:
@@ -275,7 +279,9 @@ def write_capture(folder: Path, capture: Capture) -> None:
     with files.durable_folder(folder) as unfinished:
         for name, content in contents.items():
             (unfinished / name).write_bytes(content)
-        (unfinished / _DESCRIPTION).write_bytes(_FORMAT.seal(description))
+        version = 4 if capture.brightness_source == "merged" else 3
+        sealed = replace(_FORMAT, version=version).seal(description)
+        (unfinished / _DESCRIPTION).write_bytes(sealed)
 
 
 def read_description(folder: Path) -> CaptureDescription:

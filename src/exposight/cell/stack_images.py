@@ -8,9 +8,9 @@ from typing import Any, Literal, get_args
 from exposight.cell.image import GREY_MAX, Image, read_only
 from exposight.errors import ImageError, InputError
 
-BrightnessSource = Literal["stripe", "stripes-mean", "texture", "dots"]
+BrightnessSource = Literal["stripe", "stripes-mean", "texture", "dots", "merged"]
 """What a capture's image is: one stripe image; the mean of the finest pattern's images; a texture
-image, evenly lit; random dots."""
+image, evenly lit; random dots; pixels of several exposures (`exposight.imaging.merge_captures`)."""
 
 EVEN_SOURCES: tuple[BrightnessSource, ...] = ("stripes-mean", "texture")
 """Images in which no pattern is left."""

@@ -27,7 +27,7 @@ from exposight.statistics import (
     reliability,
     score,
 )
-from exposight.tables import number
+from exposight.tables import counted, number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,13 +242,22 @@ def check_rows(
 
 
 def check_exposures(rows: ObservationTable, sensor: ActiveSensor | None) -> None:
-    """Check that a sensor can have taken the recorded rows.
+    """Check that a sensor can have taken the recorded rows, each with one exposure time.
 
     Raises
     ------
+    ObservationError
+        If rows are of merged captures, whose brightness belongs to no exposure time.
     SensorError
         If it cannot: the unit of time is another one, or the sensor is.
     """
+    merged = int((rows.frame["brightness_source"] == "merged").sum())
+    if merged:
+        msg = (
+            f"{counted(merged, 'row')} of {len(rows)} are of merged captures, whose pixels were "
+            "taken at several exposure times; give the observations of the single captures"
+        )
+        raise ObservationError(msg)
     if sensor is None:
         return
     recorded = rows.frame.filter(~rows.frame["emulated"])["exposure_ms"]

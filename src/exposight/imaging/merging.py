@@ -1,0 +1,253 @@
+"""Captures of one view at several exposure times merged into one (HDR), pixel by pixel.
+
+After Zhang & Yau, *High dynamic range scanning technique*, Opt. Eng. 48(3), 033604, 2009: of the
+exposures in which a pixel is not clipped, the one in which it is modulated most gives its point.
+Nothing is averaged: each point, and each grey value, is one that a capture had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.cell import Capture, Cloud, StackImages, png_bytes
+from exposight.errors import CloudError, ImageError, InputError, PoseError
+from exposight.files import DocumentFormat
+from exposight.geometry import RigidTransform
+
+Criterion = Literal["standard deviation", "modulation", "grey level"]
+"""What says which exposure is best for a pixel: the least standard deviation of its point, the
+greatest modulation, the greatest grey level of the image; all of pixels that do not clip."""
+
+_SAME_MM, _SAME_DEG = 0.05, 0.005
+"""By how much the poses of one view may differ: the part moves by a fifth of a pixel at most."""
+
+_A_POINT = np.float32(1e6)
+"""What a pixel with a point has before one without: more than any grey level."""
+
+RECORD, TAKEN_FROM = "merged.json", "merged-from.png"
+"""Attachments of a merged capture: what was merged how, and which exposure each pixel is from."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeRecord:
+    """What was merged: the content of `RECORD`.
+
+    Parameters
+    ----------
+    exposures_ms : tuple of float, ms
+        Exposure times, ascending. Pixel values of `TAKEN_FROM` number them from 1; 0 is a pixel
+        without a point.
+    points : tuple of int
+        Points taken from each.
+    criterion : {"standard deviation", "modulation", "grey level"}
+        What chose.
+    """
+
+    exposures_ms: tuple[float, ...]
+    points: tuple[int, ...]
+    criterion: Criterion
+
+
+_FORMAT = DocumentFormat("exposight merged capture", 1, MergeRecord)
+
+
+def merge_captures(
+    captures: Sequence[Capture],
+    *,
+    deviations_mm: Sequence[NDArray[np.floating[Any]]] | None = None,
+) -> Capture:
+    """Merge captures of one view.
+
+    Parameters
+    ----------
+    captures : sequence of Capture
+        At different exposure times, in any order, with organised clouds.
+    deviations_mm : sequence of (rows, columns) ndarray, mm, optional
+        Standard deviation of each capture's points, where it is observed; NaN counts as unknown.
+
+    Returns
+    -------
+    Capture
+        ``brightness_source`` is "merged", ``exposure_ms`` the longest, and its attachments say from
+        which exposure each pixel is (`merge_record`). Image and stack hold the grey values of the
+        same exposures: no exposure time belongs to them. Other attachments are left out. A single
+        capture is returned as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no capture, they are of several views, or two have one exposure time.
+    PoseError
+        If the part stood elsewhere in one of them.
+    ImageError, CloudError
+        If images differ in size or bit depth, or a cloud is missing or not organised like its
+        image.
+    """
+    if not captures:
+        msg = "nothing to merge: give the captures of one view"
+        raise InputError(msg)
+    if len(captures) == 1:
+        return captures[0]
+    if deviations_mm is not None and len(deviations_mm) != len(captures):
+        msg = (
+            f"deviations_mm needs one array for each of {len(captures)} captures, got "
+            f"{len(deviations_mm)}"
+        )
+        raise InputError(msg)
+    order = sorted(range(len(captures)), key=lambda i: captures[i].exposure_ms)
+    ascending = [captures[i] for i in order]
+    _check_alike(ascending)
+    criterion: Criterion = "grey level"
+    if deviations_mm is not None:
+        criterion = "standard deviation"
+    elif all(capture.stack is not None for capture in ascending):
+        criterion = "modulation"
+    chosen = np.zeros(ascending[0].image.shape, dtype=np.uint8)
+    best = np.full(chosen.shape, -np.inf, dtype=np.float32)
+    for number, i in enumerate(order):
+        deviation = None if deviations_mm is None else deviations_mm[i]
+        score = _score(captures[i], criterion, deviation)
+        better = score > best
+        chosen[better] = number
+        best[better] = score[better]
+    clouds = [capture.require_cloud() for capture in ascending]
+    points = _taken(chosen, [cloud.points for cloud in clouds])
+    cloud = Cloud(points=points)
+    record = MergeRecord(
+        exposures_ms=tuple(capture.exposure_ms for capture in ascending),
+        points=tuple(np.bincount(chosen[cloud.valid], minlength=len(ascending)).tolist()),
+        criterion=criterion,
+    )
+    taken_from = np.where(cloud.valid, chosen + 1, 0).astype(np.uint8)
+    times = ", ".join(f"{time_ms:g}" for time_ms in record.exposures_ms)
+    stacks = [capture.stack for capture in ascending if capture.stack is not None]
+    return Capture(
+        view=ascending[0].view,
+        exposure_ms=ascending[-1].exposure_ms,
+        image=_taken(chosen, [capture.image for capture in ascending]),
+        cloud=cloud,
+        camera_from_part=ascending[0].camera_from_part,
+        bit_depth=ascending[0].bit_depth,
+        emulated=any(capture.emulated for capture in ascending),
+        notes=f"merged of {times} ms by {criterion}",
+        attachments={
+            RECORD: _FORMAT.to_json(record).encode(),
+            TAKEN_FROM: png_bytes(taken_from),
+        },
+        stack=_merged_stack(chosen, stacks) if len(stacks) == len(ascending) else None,
+        brightness_source="merged",
+    )
+
+
+def merge_record(capture: Capture) -> MergeRecord | None:
+    """Return what a capture was merged of; None where it was taken as it is.
+
+    Raises
+    ------
+    FormatError
+        If its record is none.
+    """
+    if capture.brightness_source != "merged" or RECORD not in capture.attachments:
+        return None
+    text = capture.attachments[RECORD].decode()
+    return _FORMAT.from_json(text, f"{RECORD} of the {capture}")
+
+
+def _score(
+    capture: Capture, criterion: Criterion, deviation_mm: NDArray[np.floating[Any]] | None
+) -> NDArray[np.float32]:
+    """Return how good a capture is for each pixel, (rows, columns): with a point, not clipped."""
+    stack = capture.stack
+    brightest = capture.image if stack is None else stack.maximum
+    if criterion == "standard deviation":
+        known = np.asarray(deviation_mm, dtype=np.float32)
+        if known.shape != capture.image.shape:
+            msg = f"deviations_mm of the {capture} must be {capture.image.shape}, got {known.shape}"
+            raise InputError(msg)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            good = np.where(known > 0.0, np.minimum(1.0 / known, _A_POINT / 4), 0.0)
+    elif criterion == "modulation" and stack is not None:
+        good = stack.modulation
+    else:
+        good = capture.image
+    score = np.where(brightest < capture.full_scale, good, -1.0).astype(np.float32)
+    score[capture.require_cloud().valid] += _A_POINT
+    return score
+
+
+def _taken(chosen: NDArray[np.uint8], arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return each pixel from the array that was chosen for it."""
+    taken = arrays[0].copy()
+    for number, array in enumerate(arrays[1:], start=1):
+        here = chosen == number
+        taken[here] = array[here]
+    return taken
+
+
+def _merged_stack(chosen: NDArray[np.uint8], stacks: Sequence[StackImages]) -> StackImages:
+    images = [stack.images() for stack in stacks]
+    names = [name for name in images[0] if all(name in each for each in images)]
+    taken: dict[str, Any] = {n: _taken(chosen, [each[n] for each in images]) for n in names}
+    limits = {stack.min_modulation for stack in stacks}
+    return StackImages(**taken, min_modulation=limits.pop() if len(limits) == 1 else None)
+
+
+def _check_alike(captures: Sequence[Capture]) -> None:
+    """Check that captures can be of one view of one sensor."""
+    first = captures[0]
+    if len(captures) > np.iinfo(np.uint8).max:
+        msg = f"at most {np.iinfo(np.uint8).max} captures can be merged, got {len(captures)}"
+        raise InputError(msg)
+    for before, capture in pairwise(captures):
+        if capture.view != first.view:
+            msg = (
+                f"only captures of one view can be merged, got {first.view!r} and {capture.view!r}"
+            )
+            raise InputError(msg)
+        if capture.exposure_ms == before.exposure_ms:
+            msg = f"two captures to merge are of {capture.exposure_ms:g} ms; leave one out"
+            raise InputError(msg)
+        moved = first.camera_from_part.inverse() @ capture.camera_from_part
+        angle = _angle_deg(moved)
+        distance = float(
+            np.linalg.norm(
+                capture.camera_from_part.translation_mm - first.camera_from_part.translation_mm
+            )
+        )
+        if distance > _SAME_MM or angle > _SAME_DEG:
+            msg = (
+                f"the {capture} stands {distance:.3g} mm and {angle:.2g}° from that at "
+                f"{first.exposure_ms:g} ms; pixels of one view see the same points only within "
+                f"{_SAME_MM:g} mm and {_SAME_DEG:g}°: give the moved one another view's name"
+            )
+            raise PoseError(msg)
+        if (capture.image.shape, capture.bit_depth) != (first.image.shape, first.bit_depth):
+            msg = (
+                f"the {capture} has {capture.image.shape[0]} × {capture.image.shape[1]} px of "
+                f"{capture.bit_depth} bits, that at {first.exposure_ms:g} ms has "
+                f"{first.image.shape[0]} × {first.image.shape[1]} px of {first.bit_depth} bits"
+            )
+            raise ImageError(msg)
+    for capture in captures:
+        if capture.brightness_source == "merged":
+            msg = f"the {capture} is merged already; merge the captures that it was made of"
+            raise InputError(msg)
+        cloud = capture.require_cloud()
+        if not cloud.organised or cloud.valid.shape != capture.image.shape:
+            msg = (
+                f"the cloud of the {capture} is not organised like its image, so its points "
+                "belong to no pixel; export it with rows, columns and missing points"
+            )
+            raise CloudError(msg)
+
+
+def _angle_deg(turn: RigidTransform) -> float:
+    axis = turn.rotation - turn.rotation.T
+    sine = 0.5 * float(np.linalg.norm([axis[2, 1], axis[0, 2], axis[1, 0]]))
+    return float(np.degrees(np.arctan2(sine, 0.5 * (np.trace(turn.rotation) - 1.0))))
