@@ -58,6 +58,8 @@ class RingForecast:
         Why a ring's forecast should not be relied on; empty where it may be.
     remarks : tuple of str
         What is odd about all of it.
+    half : (n, 2) ndarray or None
+        Slopes of the half vectors of light and sight at the rings, where the projector is known.
     """
 
     features: tuple[str, ...]
@@ -73,6 +75,7 @@ class RingForecast:
     source: tuple[str, ...]
     unknown: tuple[str, ...]
     remarks: tuple[str, ...] = ()
+    half: FloatArray | None = None
 
     @property
     def knows(self) -> NDArray[np.bool_]:
@@ -298,6 +301,26 @@ class RingForecast:
                 "chance": self.chance.ravel(),
                 "known": np.repeat(self.knows, m),
             }
+        )
+
+    def take(self, rings: Sequence[int]) -> RingForecast:
+        """Return the forecast of some of the rings."""
+        places = list(rings)
+
+        def some(values: tuple[str, ...]) -> tuple[str, ...]:
+            return tuple(values[i] for i in places)
+
+        return replace(
+            self,
+            features=some(self.features),
+            views=some(self.views),
+            source=some(self.source),
+            unknown=some(self.unknown),
+            mean=self.mean[places],
+            covariance=self.covariance[np.ix_(places, places)],
+            points=Points(*(values[places] for values in self.points)),
+            distance=self.distance[places],
+            half=None if self.half is None else self.half[places],
         )
 
     def at(self, exposures_ms: ArrayLike, need: float | None = None) -> RingForecast:

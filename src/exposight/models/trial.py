@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError, ObservationError
+from exposight.models.correction import corrected, with_limit
 from exposight.models.log_radiance import SURPRISE
 from exposight.models.ring_data import FEW_CLIPPED, clipped_share, ring_data
 from exposight.models.ring_forecast import RingForecast
@@ -56,7 +57,12 @@ _SAME_PLACE_MM = 2.0
 
 
 def with_trial(
-    forecast: RingForecast, places: FloatArray, trial: ObservationTable, *, other_surface: str = ""
+    forecast: RingForecast,
+    places: FloatArray,
+    trial: ObservationTable,
+    *,
+    other_surface: str = "",
+    correct: bool = False,
 ) -> RingForecast:
     """Refine a forecast by captures of its views.
 
@@ -70,12 +76,39 @@ def with_trial(
         Measured rows of these rings, at any exposure times; others are ignored.
     other_surface : str
         Why the surface is known to be another than the learnt one; empty where it is not.
+    correct : bool
+        Let captures correct the rings that they do not show, too, where the cell's light or its
+        part's surface is not the learnt one (`corrected`). Otherwise a contradiction is said, and
+        only what captures show is forecast.
 
     Raises
     ------
     ObservationError
         If no row is of these rings, or one was taken from another place.
     """
+    shown = _readings(forecast, places, trial)
+    known = shown.limit == 0
+    measured = shown.rings[known], shown.value[known], shown.variance[known]
+    if correct:
+        refined = corrected(forecast, *measured, other_surface=other_surface)
+        refined = with_limit(refined, shown.rings[~known], shown.value[~known], shown.limit[~known])
+    else:
+        refined = _weighed(forecast, *measured, other_surface)
+    rows = {int(ring): row for ring, row in zip(shown.rings, shown.rows, strict=True)}
+    return _with_quantiles(refined, rows)
+
+
+class _Readings(NamedTuple):
+    """What captures tell of rings' ln radiance; `limit` as in `RingData`."""
+
+    rings: NDArray[np.int64]
+    value: FloatArray
+    variance: FloatArray
+    limit: NDArray[np.int64]
+    rows: list[Mapping[str, Any]]
+
+
+def _readings(forecast: RingForecast, places: FloatArray, trial: ObservationTable) -> _Readings:
     ring_of = {key: i for i, key in enumerate(zip(forecast.features, forecast.views, strict=True))}
     measured = trial.measured()
     keys = list(measured.frame.select("feature", "view").iter_rows())
@@ -98,20 +131,18 @@ def with_trial(
         )
         raise InputError(msg)
     value, variance = data.log_radiance.copy(), data.variance + _JITTER**2
-    usable = data.limit == 0
+    limit = data.limit.copy()
     best = [_best_row(measured, *key) for key in data.rings.keys]
     for i, row in enumerate(best):
-        if usable[i] and data.source == "i_avg" and row.get("brightness_source") == "stripe":
+        if limit[i] == 0 and data.source == "i_avg" and row.get("brightness_source") == "stripe":
             variance[i] += _ONE_STRIPE_IMAGE**2
-        elif not usable[i] and data.limit[i] > 0:
+        elif limit[i] > 0:
             median = row.get("i_max_p50")
             if median is not None and median < 0.98 * GREY_MAX:
                 log_max = math.log(median - forecast.black_level) - math.log(row["exposure_ms"])
                 value[i] = log_max - float(np.median(forecast.points.high[rings[i]]))
-                variance[i], usable[i] = _HALF_CLIPPED**2, True
-    refined = _weighed(forecast, rings[usable], value[usable], variance[usable], other_surface)
-    rows = {int(ring): row for ring, row in zip(rings, best, strict=True)}
-    return _with_quantiles(refined, rows)
+                variance[i], limit[i] = _HALF_CLIPPED**2, 0
+    return _Readings(rings, value, variance, limit, best)
 
 
 def _best_row(table: ObservationTable, feature: str, view: str) -> Mapping[str, Any]:

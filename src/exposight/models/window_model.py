@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import InputError, ObservationError
+from exposight.models.correction import corrected
 from exposight.models.evaluation import check_exposures
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
@@ -140,6 +141,7 @@ class WindowModel(Predictor):
         *,
         trial: ObservationTable | None = None,
         need: float | None = None,
+        correct: bool = False,
     ) -> RingForecast:
         """Forecast rings over exposure time.
 
@@ -154,6 +156,9 @@ class WindowModel(Predictor):
             Captures of these views, at any exposure times.
         need : float, optional
             Quality that is asked for; of p_norm `P_NORM_MIN` by default.
+        correct : bool
+            Let captures correct rings that they do not show (`exposight.models.trial.with_trial`),
+            as while measuring.
 
         Raises
         ------
@@ -178,7 +183,10 @@ class WindowModel(Predictor):
             msg = f"the same ring twice among {rings.height}; give each feature and view once"
             raise InputError(msg)
         forecast = self._forecast(unique, times, need, rings)
+        finish = self.radiance.origin.contradictions(rings).get("finish", "")
         if trial is None:
+            if correct and finish:
+                return corrected(forecast, *_NOTHING_MEASURED, other_surface=finish)
             return forecast
         check_exposures(trial.measured(), self.sensor)
         contradictions = self.radiance.origin.contradictions(trial.measured().frame)
@@ -188,7 +196,11 @@ class WindowModel(Predictor):
                 raise ObservationError(msg)
         forecast = replace(forecast, features=tuple(rings["feature"]), views=tuple(rings["view"]))
         return with_trial(
-            forecast, unique.positions, trial, other_surface=contradictions.get("finish", "")
+            forecast,
+            unique.positions,
+            trial,
+            other_surface=contradictions.get("finish", ""),
+            correct=correct,
         )
 
     def _forecast(
@@ -222,6 +234,7 @@ class WindowModel(Predictor):
             distance=prediction.distance,
             source=("pose",) * len(rings),
             unknown=unknown,
+            half=None if prediction.light is None else prediction.light.half.mean(axis=1),
         )
 
     @property
@@ -322,6 +335,8 @@ class WindowModel(Predictor):
         radiance = RadianceModel.from_document(of_radiance, inner, arrays)
         return cls(**common, radiance=radiance, window=window, n_rows=content["n_rows"])
 
+
+_NOTHING_MEASURED = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
 _WELL_LIT = 60.0
 """Grey levels above black at which a ring neither clips nor is dark."""

@@ -25,6 +25,7 @@ from scipy.special import ndtr
 
 from exposight.errors import InputError
 from exposight.models import RingForecast
+from exposight.planning.exposure_limits import ExposureLimits
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -33,6 +34,12 @@ _STEPS = (0.1, 1.0)
 
 _FINE = 0.6
 """Distance of nodes over an edge's width, where an edge is wide enough to smooth between them."""
+
+SETTINGS = 72
+"""Settings among which exposures are chosen."""
+
+_NOT_EXCLUDED = 0.02
+"""Chance from which on an exposure time is looked at."""
 
 _SHARP = 1e-4
 """Least width of an edge, ln: a known window's."""
@@ -163,6 +170,36 @@ class CaptureChances:
             reasons=rings.unknown,
             never=rings.why_never(),
         )
+
+    @classmethod
+    def within(
+        cls,
+        rings: RingForecast,
+        limits: ExposureLimits,
+        *,
+        count: int = SETTINGS,
+        view: str = "",
+        features: Sequence[str] | None = None,
+    ) -> CaptureChances:
+        """Return the chances of the rings of one view at settings that may serve any of them.
+
+        Parameters
+        ----------
+        rings, view, features
+            As for `of_rings`.
+        limits : ExposureLimits
+            What the sensor can be set to.
+        count : int
+            Settings to look at, at most, at about equal ratios.
+        """
+        low, high = rings.window_ms(_NOT_EXCLUDED)
+        settings: FloatArray = np.zeros(0, dtype=np.float64)
+        if np.isfinite(low).any():
+            first, last = float(np.nanmin(low)), float(np.nanmax(high))
+            settings = limits.settings(first, last, count)
+        if not len(settings):  # those that there are show why none serves
+            settings = limits.settings(limits.min_ms, limits.max_ms, count)
+        return cls.of_rings(rings, settings, view=view, features=features)
 
     @classmethod
     def of_windows(

@@ -15,7 +15,7 @@ from exposight.cell import GREY_MAX
 from exposight.errors import InputError
 from exposight.files import write_durably
 from exposight.models import RingForecast, best_exposure
-from exposight.planning.capture_chances import CaptureChances
+from exposight.planning.capture_chances import SETTINGS, CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.path_search import Prefer
 from exposight.planning.recommendation import (
@@ -47,9 +47,6 @@ _COLUMNS = (
     Column(name="wanted_ms_high", label="+2σ", digits=3),
     Column(name="known"),
 )
-
-_SETTINGS = 72
-"""Settings among which exposures are chosen."""
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -169,7 +166,7 @@ class Forecast:
         return best_exposure(self.chance, self.knows)
 
     def chances(
-        self, limits: ExposureLimits | None = None, *, count: int = _SETTINGS, view: str = ""
+        self, limits: ExposureLimits | None = None, *, count: int = SETTINGS, view: str = ""
     ) -> CaptureChances:
         """Return what captures at the sensor's settings promise, each and several together.
 
@@ -188,7 +185,7 @@ class Forecast:
         InputError
             If no setting can serve any feature.
         """
-        times: Sequence[float] | FloatArray = self.exposures_ms
+        times = self.exposures_ms
         if self.rings is None:
             return CaptureChances.by_themselves(
                 self.chance,
@@ -198,20 +195,11 @@ class Forecast:
                 view=view,
                 reasons=self.unknown,
             )
-        if limits is not None:
-            times = limits.settings(*self._useful_ms(limits), count)
-            if not len(times):  # then the nearest show why
-                times = limits.settings(limits.min_ms, limits.max_ms, count)
-        return CaptureChances.of_rings(self.rings, times, view=view, features=self.features)
-
-    def _useful_ms(self, limits: ExposureLimits) -> tuple[float, float]:
-        """Return the exposure times between which any feature may be served."""
-        assert self.rings is not None
-        low, high = self.rings.window_ms(0.02)
-        if not np.isfinite(low).any():
-            return limits.min_ms, limits.max_ms
-        ends = float(np.nanmin(low)), float(np.nanmax(high))
-        return max(ends[0], limits.min_ms), min(ends[1], limits.max_ms)
+        if limits is None:
+            return CaptureChances.of_rings(self.rings, times, view=view, features=self.features)
+        return CaptureChances.within(
+            self.rings, limits, count=count, view=view, features=self.features
+        )
 
     def recommend(
         self,

@@ -125,6 +125,7 @@ class SensorModels:
         *,
         trial: ObservationTable | None = None,
         need: float = P_NORM_MIN,
+        correct: bool = False,
     ) -> Forecast:
         """Predict the quality of the features that a view sees, over exposure time.
 
@@ -140,6 +141,9 @@ class SensorModels:
             default models' forecast. A view without a name takes that of the trial.
         need : float
             Quality that is asked for.
+        correct : bool
+            Consider that the cell may not be as it was learnt: another finish makes the default
+            models' forecast unsure, and a trial corrects also what it does not show.
 
         Raises
         ------
@@ -161,7 +165,9 @@ class SensorModels:
             if trial is not None and not view.name:
                 poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
             times_ms = (1.0,) if exposures_ms is None else exposures_ms  # until rings are known
-            rings = self.quality.forecast(poses, times_ms, trial=trial, need=need)
+            rings = self.quality.forecast(
+                poses, times_ms, trial=trial, need=need, correct=correct
+            )
             if exposures_ms is None:
                 rings = rings.at(self._times_of(rings))
             return Forecast.of(rings, poses["feature"].to_list(), self.limits)
@@ -223,7 +229,7 @@ class SensorModels:
                 raise InputError(msg)
         elif limits is not None:
             times = (min(max(1.0, limits.min_ms), limits.max_ms),)  # windows say which are of use
-        forecast = self.forecast(view, times, trial=trial, need=need)
+        forecast = self.forecast(view, times, trial=trial, need=need, correct=True)
         hidden = {
             each.feature.name: each.visibility.value
             for each in view.features
