@@ -165,9 +165,7 @@ class SensorModels:
             if trial is not None and not view.name:
                 poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
             times_ms = (1.0,) if exposures_ms is None else exposures_ms  # until rings are known
-            rings = self.quality.forecast(
-                poses, times_ms, trial=trial, need=need, correct=correct
-            )
+            rings = self.quality.forecast(poses, times_ms, trial=trial, need=need, correct=correct)
             if exposures_ms is None:
                 rings = rings.at(self._times_of(rings))
             return Forecast.of(rings, poses["feature"].to_list(), self.limits)
