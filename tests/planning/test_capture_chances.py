@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
@@ -40,6 +40,7 @@ def test_a_known_window_is_kept_or_missed() -> None:
     assert chances(0.0).chance[0] == pytest.approx(inside.astype(float))
 
 
+@settings(deadline=None)
 @given(
     std=st.floats(0.02, 0.8),
     edge=st.floats(0.0, 0.2),
@@ -52,6 +53,7 @@ def test_several_captures_serve_as_often_as_in_draws(
     assert chances(std, edge).any_of(places)[0] == pytest.approx(served, abs=0.012)
 
 
+@settings(deadline=None)
 @given(places=st.lists(st.integers(0, 40), min_size=2, max_size=5, unique=True))
 def test_gains_along_a_path_add_up(places: list[int]) -> None:
     each, ordered = chances(0.4, 0.05), sorted(places)
