@@ -25,6 +25,7 @@ COMMANDS = {
     "sensor": "Describe a sensor from its calibration.",
     "decode": "Decode recorded stripe frames to an organised point cloud.",
     "observe": "Measure quality, brightness and pose of every feature in every capture.",
+    "merge": "Merge captures of a view at several exposure times into one (HDR).",
     "split": "Split an observation table into training and test data.",
     "train": "Train models on observations.",
     "evaluate": "Evaluate models on held-out observations.",

@@ -67,7 +67,8 @@ def merge_captures(
     Parameters
     ----------
     captures : sequence of Capture
-        At different exposure times, in any order, with organised clouds.
+        At different exposure times, in any order, with organised clouds. They are looked up one at
+        a time, so that a sequence may read them from disk.
     deviations_mm : sequence of (rows, columns) ndarray, mm, optional
         Standard deviation of each capture's points, where it is observed; NaN counts as unknown.
 
@@ -100,47 +101,54 @@ def merge_captures(
             f"{len(deviations_mm)}"
         )
         raise InputError(msg)
-    order = sorted(range(len(captures)), key=lambda i: captures[i].exposure_ms)
-    ascending = [captures[i] for i in order]
-    _check_alike(ascending)
+    order = _ascending(captures)
     criterion: Criterion = "grey level"
     if deviations_mm is not None:
         criterion = "standard deviation"
-    elif all(capture.stack is not None for capture in ascending):
+    elif all(capture.stack is not None for capture in captures):
         criterion = "modulation"
-    chosen = np.zeros(ascending[0].image.shape, dtype=np.uint8)
-    best = np.full(chosen.shape, -np.inf, dtype=np.float32)
-    for number, i in enumerate(order):
-        deviation = None if deviations_mm is None else deviations_mm[i]
-        score = _score(captures[i], criterion, deviation)
+    first = captures[order[0]]
+    merged = {name: layer.copy() for name, layer in _layers(first).items()}
+    best = np.full(first.image.shape, -np.inf, dtype=np.float32)
+    taken_from = np.ones(first.image.shape, dtype=np.uint8)
+    limits = set()
+    for number, i in enumerate(order, start=1):  # one in memory at a time, if they are on disk
+        capture = captures[i]
+        score = _score(capture, criterion, None if deviations_mm is None else deviations_mm[i])
         better = score > best
-        chosen[better] = number
         best[better] = score[better]
-    clouds = [capture.require_cloud() for capture in ascending]
-    points = _taken(chosen, [cloud.points for cloud in clouds])
-    cloud = Cloud(points=points)
+        taken_from[better] = number
+        layers = _layers(capture)
+        merged = {name: merged[name] for name in merged if name in layers}
+        for name, layer in merged.items():
+            layer[better] = layers[name][better]
+        limits.add(None if capture.stack is None else capture.stack.min_modulation)
+    cloud, image = Cloud(points=merged.pop("points")), merged.pop("image")
+    taken_from[~cloud.valid] = 0
+    times_ms = tuple(captures[i].exposure_ms for i in order)
     record = MergeRecord(
-        exposures_ms=tuple(capture.exposure_ms for capture in ascending),
-        points=tuple(np.bincount(chosen[cloud.valid], minlength=len(ascending)).tolist()),
+        exposures_ms=times_ms,
+        points=tuple(np.bincount(taken_from.ravel(), minlength=1 + len(order))[1:].tolist()),
         criterion=criterion,
     )
-    taken_from = np.where(cloud.valid, chosen + 1, 0).astype(np.uint8)
-    times = ", ".join(f"{time_ms:g}" for time_ms in record.exposures_ms)
-    stacks = [capture.stack for capture in ascending if capture.stack is not None]
+    stack = None
+    if {"maximum", "modulation"} <= set(merged):
+        limit = limits.pop() if len(limits) == 1 else None
+        stack = StackImages(**merged, min_modulation=limit)
     return Capture(
-        view=ascending[0].view,
-        exposure_ms=ascending[-1].exposure_ms,
-        image=_taken(chosen, [capture.image for capture in ascending]),
+        view=first.view,
+        exposure_ms=times_ms[-1],
+        image=image,
         cloud=cloud,
-        camera_from_part=ascending[0].camera_from_part,
-        bit_depth=ascending[0].bit_depth,
-        emulated=any(capture.emulated for capture in ascending),
-        notes=f"merged of {times} ms by {criterion}",
+        camera_from_part=first.camera_from_part,
+        bit_depth=first.bit_depth,
+        emulated=any(capture.emulated for capture in captures),
+        notes=f"merged of {', '.join(f'{time:g}' for time in times_ms)} ms by {criterion}",
         attachments={
             RECORD: _FORMAT.to_json(record).encode(),
             TAKEN_FROM: png_bytes(taken_from),
         },
-        stack=_merged_stack(chosen, stacks) if len(stacks) == len(ascending) else None,
+        stack=stack,
         brightness_source="merged",
     )
 
@@ -181,70 +189,62 @@ def _score(
     return score
 
 
-def _taken(chosen: NDArray[np.uint8], arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return each pixel from the array that was chosen for it."""
-    taken = arrays[0].copy()
-    for number, array in enumerate(arrays[1:], start=1):
-        here = chosen == number
-        taken[here] = array[here]
-    return taken
+def _layers(capture: Capture) -> dict[str, NDArray[Any]]:
+    """Return all that a capture has of each pixel."""
+    stack = {} if capture.stack is None else capture.stack.images()
+    return {"points": capture.require_cloud().points, "image": capture.image, **stack}
 
 
-def _merged_stack(chosen: NDArray[np.uint8], stacks: Sequence[StackImages]) -> StackImages:
-    images = [stack.images() for stack in stacks]
-    names = [name for name in images[0] if all(name in each for each in images)]
-    taken: dict[str, Any] = {n: _taken(chosen, [each[n] for each in images]) for n in names}
-    limits = {stack.min_modulation for stack in stacks}
-    return StackImages(**taken, min_modulation=limits.pop() if len(limits) == 1 else None)
-
-
-def _check_alike(captures: Sequence[Capture]) -> None:
-    """Check that captures can be of one view of one sensor."""
-    first = captures[0]
+def _ascending(captures: Sequence[Capture]) -> list[int]:
+    """Return the places of captures by exposure time; check that they are of one view."""
     if len(captures) > np.iinfo(np.uint8).max:
         msg = f"at most {np.iinfo(np.uint8).max} captures can be merged, got {len(captures)}"
         raise InputError(msg)
-    for before, capture in pairwise(captures):
-        if capture.view != first.view:
-            msg = (
-                f"only captures of one view can be merged, got {first.view!r} and {capture.view!r}"
-            )
-            raise InputError(msg)
-        if capture.exposure_ms == before.exposure_ms:
-            msg = f"two captures to merge are of {capture.exposure_ms:g} ms; leave one out"
-            raise InputError(msg)
-        moved = first.camera_from_part.inverse() @ capture.camera_from_part
-        angle = _angle_deg(moved)
-        distance = float(
-            np.linalg.norm(
-                capture.camera_from_part.translation_mm - first.camera_from_part.translation_mm
-            )
-        )
-        if distance > _SAME_MM or angle > _SAME_DEG:
-            msg = (
-                f"the {capture} stands {distance:.3g} mm and {angle:.2g}° from that at "
-                f"{first.exposure_ms:g} ms; pixels of one view see the same points only within "
-                f"{_SAME_MM:g} mm and {_SAME_DEG:g}°: give the moved one another view's name"
-            )
-            raise PoseError(msg)
-        if (capture.image.shape, capture.bit_depth) != (first.image.shape, first.bit_depth):
-            msg = (
-                f"the {capture} has {capture.image.shape[0]} × {capture.image.shape[1]} px of "
-                f"{capture.bit_depth} bits, that at {first.exposure_ms:g} ms has "
-                f"{first.image.shape[0]} × {first.image.shape[1]} px of {first.bit_depth} bits"
-            )
-            raise ImageError(msg)
+    first, times_ms = captures[0], []
     for capture in captures:
-        if capture.brightness_source == "merged":
-            msg = f"the {capture} is merged already; merge the captures that it was made of"
+        _check_alike(first, capture)
+        times_ms.append(capture.exposure_ms)
+    order = sorted(range(len(times_ms)), key=times_ms.__getitem__)
+    for before, after in pairwise(order):
+        if times_ms[before] == times_ms[after]:
+            msg = f"two captures to merge are of {times_ms[after]:g} ms; leave one out"
             raise InputError(msg)
-        cloud = capture.require_cloud()
-        if not cloud.organised or cloud.valid.shape != capture.image.shape:
-            msg = (
-                f"the cloud of the {capture} is not organised like its image, so its points "
-                "belong to no pixel; export it with rows, columns and missing points"
-            )
-            raise CloudError(msg)
+    return order
+
+
+def _check_alike(first: Capture, capture: Capture) -> None:
+    """Check that a capture can be of the same view of the same sensor as another."""
+    if capture.view != first.view:
+        msg = f"only captures of one view can be merged, got {first.view!r} and {capture.view!r}"
+        raise InputError(msg)
+    if capture.brightness_source == "merged":
+        msg = f"the {capture} is merged already; merge the captures that it was made of"
+        raise InputError(msg)
+    pose, at = capture.camera_from_part, f"that at {first.exposure_ms:g} ms"
+    moved_mm = pose.translation_mm - first.camera_from_part.translation_mm
+    distance = float(np.linalg.norm(moved_mm))
+    angle = _angle_deg(first.camera_from_part.inverse() @ pose)
+    if distance > _SAME_MM or angle > _SAME_DEG:
+        msg = (
+            f"the {capture} stands {distance:.3g} mm and {angle:.2g}° from {at}; pixels of one "
+            f"view see the same points only within {_SAME_MM:g} mm and {_SAME_DEG:g}°: give the "
+            "moved one another view's name"
+        )
+        raise PoseError(msg)
+    if (capture.image.shape, capture.bit_depth) != (first.image.shape, first.bit_depth):
+        (rows, columns), (rows_there, columns_there) = capture.image.shape, first.image.shape
+        msg = (
+            f"the {capture} has {rows} × {columns} px of {capture.bit_depth} bits, {at} has "
+            f"{rows_there} × {columns_there} px of {first.bit_depth} bits"
+        )
+        raise ImageError(msg)
+    cloud = capture.require_cloud()
+    if not cloud.organised or cloud.valid.shape != capture.image.shape:
+        msg = (
+            f"the cloud of the {capture} is not organised like its image, so its points belong to "
+            "no pixel; export it with rows, columns and missing points"
+        )
+        raise CloudError(msg)
 
 
 def _angle_deg(turn: RigidTransform) -> float:
