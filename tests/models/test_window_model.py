@@ -511,3 +511,22 @@ def test_rows_of_merged_captures_are_not_learnt_from() -> None:
     )
     with pytest.raises(ObservationError, match="merged captures"):
         train_window(merged, sensor=SENSOR)
+
+
+def test_a_sphere_is_no_flat_ring_and_its_forecast_is_not_relied_on(
+    unseen: ObservationTable,
+) -> None:
+    table = observed()
+    model = train_window(table, sensor=SENSOR)
+    kind = pl.when(pl.col("feature") == "f1").then(pl.lit("sphere")).otherwise(pl.lit("hole"))
+    rings = rings_of(unseen)
+    forecast = model.forecast(rings.with_columns(kind=kind), TIMES)
+    plain = model.forecast(rings, TIMES)
+    spheres = np.array([name == "f1" for name in forecast.features])
+    assert all("curved" in reason for reason in np.array(forecast.unknown)[spheres])
+    assert (forecast.chance[spheres].max(axis=1) < 0.9).all()
+    assert np.allclose(forecast.chance[~spheres], plain.chance[~spheres])
+    trained = train_window(
+        ObservationTable(frame=table.frame.with_columns(kind=kind)), sensor=SENSOR
+    )
+    assert "f1" not in trained.features

@@ -55,6 +55,18 @@ CHUNK = 100
 """Rings that are forecast at once."""
 
 
+CURVED = (
+    "a sphere's cap is curved, and what was learnt holds of flat rings; a trial capture shows it"
+)
+
+
+def curved(frame: pl.DataFrame) -> frozenset[str]:
+    """Return the features of a frame whose measured surface is not flat."""
+    if "kind" not in frame.columns:
+        return frozenset()
+    return frozenset(frame.filter(pl.col("kind") == "sphere")["feature"])
+
+
 def far_away(distance: float, telling_ms: float | None = None) -> str:
     """Say that nothing was learnt near a ring, and what capture would help; else nothing."""
     if distance <= FAR:

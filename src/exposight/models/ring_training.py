@@ -13,7 +13,7 @@ from exposight.models.evaluation import check_exposures, check_rows
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.origin import Origin
 from exposight.models.predictor import Provenance
-from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
+from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel, curved
 from exposight.models.radiance_search import MeanKind
 from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
 from exposight.models.ring_data import ring_data
@@ -106,6 +106,11 @@ def train_window(
         )
         raise InputError(msg)
     kept = previous if same_sensor else None
+    flat = ~measured.frame["feature"].is_in(list(curved(measured.frame)))
+    measured = measured.where(flat)
+    if len(measured) == 0:
+        msg = "all measured features are spheres: train on features about which the part is flat"
+        raise ObservationError(msg)
     data = ring_data(measured, black_level=kept.black_level if kept else None)
     if len(data) < _LEAST_RINGS:
         msg = (

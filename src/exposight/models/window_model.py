@@ -22,7 +22,9 @@ from exposight.models.predictor import (
 )
 from exposight.models.radiance_model import (
     CHUNK,
+    CURVED,
     RadianceModel,
+    curved,
     far_away,
 )
 from exposight.models.response_curve import ResponseCurve
@@ -213,12 +215,22 @@ class WindowModel(Predictor):
         dark = points.weight.sum(axis=1) < 0.5
         # where a capture would show the ring well, as far as is known
         telling_ms = _WELL_LIT * np.exp(-prediction.mean)
+        domed = curved(frame)
+        covariance = prediction.covariance.copy()
+        for i, name in enumerate(rings.features):
+            if name in domed:
+                covariance[i, i] += _CURVED_STD**2
         unknown = tuple(
             finish
+            or (CURVED if name in domed else "")
             or ("outside the light of the projector, or out of a camera's frame" if unlit else "")
             or far_away(far, time)
-            for far, unlit, time in zip(
-                prediction.distance.tolist(), dark.tolist(), telling_ms.tolist(), strict=True
+            for name, far, unlit, time in zip(
+                rings.features,
+                prediction.distance.tolist(),
+                dark.tolist(),
+                telling_ms.tolist(),
+                strict=True,
             )
         )
         return RingForecast(
@@ -226,7 +238,7 @@ class WindowModel(Predictor):
             views=rings.views,
             exposures_ms=times,
             mean=prediction.mean,
-            covariance=prediction.covariance,
+            covariance=covariance,
             points=points,
             window=self.window,
             black_level=self.radiance.black_level,
@@ -337,6 +349,9 @@ class WindowModel(Predictor):
 
 
 _NOTHING_MEASURED = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+
+_CURVED_STD = 1.5
+"""Uncertainty of ln radiance where a feature's surface is not flat: the formula does not hold."""
 
 _WELL_LIT = 60.0
 """Grey levels above black at which a ring neither clips nor is dark."""

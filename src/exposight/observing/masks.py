@@ -163,16 +163,24 @@ class View:
 def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
     """Return the columns of an observation table that features and their poses alone decide.
 
-    A row for each feature: ``feature``, ``finish``, ``n_pixels``, and what `FeatureView.pose` has.
+    A row for each feature: ``feature``, ``finish``, ``kind``, ``n_pixels``, and what
+    `FeatureView.pose` has.
     """
     schema = {
         "feature": pl.String,
         "finish": pl.String,
+        "kind": pl.String,
         "n_pixels": pl.Int64,
         **dict.fromkeys(_POSE_COLUMNS, pl.Float64),
     }
     rows = [
-        (each.feature.name, each.feature.finish or None, each.n_pixels, *each.pose.values())
+        (
+            each.feature.name,
+            each.feature.finish or None,
+            each.feature.kind,
+            each.n_pixels,
+            *each.pose.values(),
+        )
         for each in features
     ]
     return pl.DataFrame(rows, schema=schema, orient="row")

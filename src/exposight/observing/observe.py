@@ -174,6 +174,7 @@ def _observe(
         emulated=capture.emulated,
         brightness_source=capture.brightness_source,
         finish=view.feature.finish or None,
+        kind=view.feature.kind,
         **view.pose,
         **columns,
         **shared,

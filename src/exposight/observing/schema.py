@@ -64,6 +64,8 @@ class Observation:
         What the capture's image is (`exposight.cell.BrightnessSource`).
     sensor, part, finish : str or None
         Names; the finish is that of the surface that the feature is on.
+    kind : str or None
+        What the feature is: hole, slot, pocket, sphere or surface_point.
     tcp : str or None
         ``camera_from_tcp`` as "x y z w p r" in mm and degrees.
     part_w_deg, part_p_deg, part_r_deg : float or None, degrees
@@ -120,6 +122,7 @@ class Observation:
     part_w_deg: float | None = None
     part_p_deg: float | None = None
     part_r_deg: float | None = None
+    kind: str | None = None
     extra: Mapping[str, float | str | bool | None] = field(default_factory=dict)
 
 
