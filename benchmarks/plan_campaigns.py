@@ -15,29 +15,25 @@ from typing import Any, ClassVar, Final
 
 from benchmarks.measuring import say
 from benchmarks.models_campaigns import (
-    COMET,
     CONDITIONS,
-    KNOWN,
     SEEDS,
-    UNSEEN,
     observed,
     training_plan,
-    whole_milliseconds,
 )
 from benchmarks.relit_cell import ScatterCell, TwoLobesCell
 from exposight.cell import Capture
 from exposight.geometry import RigidTransform
 from exposight.observing import ObservationTable
-from exposight.plans import MeasuringPlan
-from exposight.plans.positions import RandomPositions
+from exposight.plans import MeasuringPlan, plan_preset
 from exposight.twin import SimulatedCell
 from exposight.twin.light import trace_view
 from exposight.twin.sensors import StripeSensor, ring_boxes
 from exposight.twin.sensors.stripe_light import stripe_light
 from exposight.twin.simulated_cell import scene_at
 
-FEATURES: Final = (*KNOWN, *UNSEEN, *(f"h{number:02d}" for number in range(1, 18)))
-TIMES_MS: Final = whole_milliseconds(2.0, 700.0, 33)
+_PLAN: Final = plan_preset("sweep")
+FEATURES: Final = _PLAN.features
+TIMES_MS: Final = _PLAN.random[0].exposures_ms
 _SWEEP_SEEDS = 200
 
 
@@ -120,17 +116,8 @@ The last two reflect as no formula of the software says."""
 
 def sweep_plan(views: int, seed: int) -> MeasuringPlan:
     """Return random views of all features, none of which a model has learnt from."""
-    box: dict[str, Any] = {"x_mm": (-230, 230), "y_mm": (-200, 200), "z_tcp_mm": (-165, 155)}
-    positions = RandomPositions(name="random", count=views, exposures_ms=TIMES_MS, **box)
-    return MeasuringPlan(
-        name="sweep",
-        sensor=COMET,
-        features=FEATURES,
-        reference="f1",
-        random=(positions,),
-        blind_views="skip",
-        seed=_SWEEP_SEEDS + seed,
-    )
+    random = (replace(_PLAN.random[0], count=views),)
+    return replace(_PLAN, random=random, seed=_SWEEP_SEEDS + seed)
 
 
 def sweep_of(sweep: Sweep, seed: int) -> ObservationTable:

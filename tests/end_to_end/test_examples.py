@@ -12,6 +12,7 @@ PROMISED = {
     "02_decode_stripes.py": ["points, median error 0."],
     "03_own_driver.py": ["0.2 ms: i_avg 4, p_norm 0.00", "5.0 ms: i_avg 100, p_norm 1.00"],
     "04_own_predictor.py": ["unseen observations: RMSE", "50 mm: known", "900 mm: unknown"],
+    "07_own_strategy.py": ["halving", "geometric_3  ", "exposures a view"],
     "06_own_kernel.py": ["│ e_k6    ┆ test ", "│ e_power ┆ test ", "no band reaches below"],
 }
 NEED_A_RECORDING = ["05_skull.py"]  # tests/real

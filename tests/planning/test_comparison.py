@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exposight.errors import InputError, ObservationError
+from exposight.errors import FormatError, InputError, ObservationError
 from exposight.observing import ObservationTable
 from exposight.planning import CaptureCosts, ExposureLimits
 from exposight.planning.comparison import compare
+from exposight.planning.comparison_files import read_comparison, write_comparison
 from exposight.planning.strategies import STRATEGIES, Trial, strategies_named, strategy
+from exposight.planning.strategies.clusters import means
 from exposight.planning.strategies.oracle import least_cover
 from exposight.planning.sweeps import Sweep
 
@@ -60,7 +62,7 @@ def test_the_oracle_takes_the_fewest_captures(sweep):
 
 
 def test_among_the_fewest_captures_the_oracle_takes_the_quickest(sweep):
-    outcomes = compare(sweep, []).outcomes
+    outcomes = compare(sweep, []).frame
     # 3.0 · t ≤ 120 and 1.0 · t ≥ 20: 32 ms alone; then 4 ms for the light of 16, 64 ms for 0.5
     assert outcomes["captures_ms"].to_list() == [[32.0], [2.0, 64.0]]
     assert outcomes["time_s"].to_list() == pytest.approx([0.884, 1.792])
@@ -85,13 +87,24 @@ def test_least_cover_is_that_of_trying_all(serves, costs):
     assert costs[chosen].sum() == pytest.approx(best)
 
 
+@given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=12), st.integers(1, 4))
+@settings(max_examples=60, deadline=None)
+def test_every_number_is_nearest_to_the_mean_of_its_cluster(values, count):
+    values = np.array(values)
+    centres = means(values, count)
+    assert 1 <= len(centres) <= count
+    nearest = np.abs(values[:, None] - centres).argmin(axis=1)
+    for place, centre in enumerate(centres):
+        assert values[nearest == place].mean() == pytest.approx(centre, abs=1e-4)
+
+
 def test_trial_images_count_with_their_time(sweep):
     comparison = compare(sweep, ["each_region"])
     scores = row_of(comparison, "each_region")
     looks = scores["exposures"] + scores["trial_images"]
     assert scores["trial_images"] >= 1.0
     assert scores["exposures_over_oracle"] == pytest.approx(looks / 1.5)
-    for row in comparison.outcomes.filter(pl.col("strategy") == "each_region").to_dicts():
+    for row in comparison.frame.filter(pl.col("strategy") == "each_region").to_dicts():
         time_ms = sum(12 * t + 500 for t in row["captures_ms"])
         time_ms += sum(t + 100 for t in row["trial_images_ms"])
         assert row["time_s"] == pytest.approx(time_ms / 1000)
@@ -108,7 +121,7 @@ def test_rivals_that_scale_brightness_have_every_feature(sweep):
 def test_every_rival_measures_within_limits(name, sweep):
     limits = ExposureLimits(name="x", min_ms=1, max_ms=300, increment_ms=1, most_per_view=2)
     comparison = compare(sweep, [name], limits=limits)
-    assert comparison.outcomes["captures"].max() <= 2
+    assert max(len(each.captures_ms) for each in comparison.outcomes) <= 2
 
 
 def test_settings_outside_the_limits_are_nobodys():
@@ -235,4 +248,46 @@ def test_costs_are_counted_as_given(sweep):
     from exposight.planning.strategies import MeasuringCosts
 
     costs = MeasuringCosts(capture=CaptureCosts(frames=1), trial_image=CaptureCosts(frames=1))
-    assert compare(sweep, [], costs=costs).outcomes["time_s"][0] == pytest.approx(0.032)
+    assert compare(sweep, [], costs=costs).outcomes[0].time_s == pytest.approx(0.032)
+
+
+def test_loops_have_what_they_promise_in_a_world_that_is_as_learnt(default_models, view, capture):
+    tilts = [(600.0, w, p) for w in (-5.0, 3.0) for p in (-6.0, 8.0)]
+    times_ms = np.geomspace(4.0, 200.0, 15).tolist()
+    table = capture([view(f"new{i}", *tilt) for i, tilt in enumerate(tilts)], times_ms)
+    sweep = Sweep.of(table)
+    comparison = compare(sweep, ["open_loop"], models=[default_models])
+    score = row_of(comparison, "open_loop")
+    assert score["covered_share"] >= 0.97
+    assert score["exposures_over_oracle"] <= 1.5
+    assert score["promised"] == pytest.approx(score["achieved"], abs=0.05)
+    loop = row_of(compare(sweep, ["closed_loop"], models=[default_models]), "closed_loop")
+    assert loop["covered_share"] == 1.0
+    assert loop["exposures_over_oracle"] <= 1.5
+    twice = compare(sweep, ["open_loop"], models=[default_models] * 2)
+    labels = [each for each in twice.strategies if each.startswith("open_loop")]
+    assert labels == [f"open_loop ({i})" for i in (1, 2)]
+
+
+def test_results_are_read_as_they_were_written(sweep, tmp_path):
+    comparison = compare(sweep, ["adaptive"])
+    write_comparison(comparison, tmp_path)
+    again = read_comparison(tmp_path)
+    assert again.outcomes == comparison.outcomes
+    assert str(again) == str(comparison)
+    (tmp_path / "results.json").write_text('{"format": "exposight plan"}')
+    with pytest.raises(FormatError, match="exposight comparison"):
+        read_comparison(tmp_path)
+
+
+def test_the_closed_loop_learns_a_lamp_from_view_to_view(default_models, view, capture):
+    views = [view(f"new{i}", 600.0, w, 2.0) for i, w in enumerate((-5.0, -2.0, 1.0, 4.0, 7.0))]
+    times_ms = np.geomspace(4.0, 400.0, 18).round(1)
+    table = capture(views, times_ms)
+    longer = pl.col("exposure_ms") * 5.0
+    dim = ObservationTable.from_frame(table.frame.with_columns(exposure_ms=longer))
+    comparison = compare(Sweep.of(dim), ["open_loop", "closed_loop"], models=[default_models])
+    assert row_of(comparison, "open_loop")["covered_share"] < 0.9
+    assert row_of(comparison, "closed_loop")["covered_share"] == 1.0
+    loop = [each for each in comparison.outcomes if each.strategy == "closed_loop"]
+    assert len(loop[-1].captures_ms) <= len(loop[0].captures_ms)

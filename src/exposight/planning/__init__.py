@@ -3,6 +3,7 @@
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.chain import ChainedQuality, chained_forecast, with_chains
 from exposight.planning.comparison import Comparison, compare
+from exposight.planning.comparison_files import read_comparison, write_comparison
 from exposight.planning.exposure_limits import PROFILES, CaptureCosts, ExposureLimits, limits_named
 from exposight.planning.forecasts import LIKELY, WANTED_BRIGHTNESS, Forecast
 from exposight.planning.model_scores import ModelScores

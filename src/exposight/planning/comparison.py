@@ -7,8 +7,8 @@ intervals are those of other views: by bootstrap over the views.
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,17 +18,18 @@ from numpy.typing import NDArray
 
 from exposight import __version__
 from exposight.errors import InputError
+from exposight.models import WindowModel
 from exposight.planning.exposure_limits import ExposureLimits
 from exposight.planning.sensor_models import SensorModels
 from exposight.planning.strategies import (
     MeasuringCosts,
     Setup,
     Strategy,
-    Trial,
     strategies_named,
 )
-from exposight.planning.strategies.rehearsal import measured, time_ms
+from exposight.planning.strategies.rehearsal import measured
 from exposight.planning.sweeps import Sweep
+from exposight.planning.view_outcomes import ViewOutcome, frame_of
 from exposight.tables import Column, Table, number
 from exposight.workers import Progress, ignore_progress
 
@@ -40,8 +41,6 @@ ORACLE = "oracle"
 _DRAWS = 2000
 _BAND = (0.025, 0.975)
 
-_TOTALS = ("coverable", "had", "captures", "trial_images", "time_s", "oracle", "all", "views")
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
@@ -49,19 +48,15 @@ class Comparison:
 
     Parameters
     ----------
-    outcomes : polars.DataFrame
-        A row for each strategy and view: ``strategy``, ``kind``, ``title``, ``view``, ``coverable``
-        features, how many were ``had``, ``captures``, ``trial_images``, ``time_s``,
-        ``captures_ms``, ``trial_images_ms``, ``promised`` and ``kept`` of ``promises``,
-        ``promise_loss`` (squared error, summed), ``chances`` and ``chance_loss``; ``trusted``, the
-        features of the strategy's forecast that are known.
+    outcomes : tuple of ViewOutcome
+        One for each strategy and view, views in the same order.
     sweep, sweep_sha256 : str
         Name and checksum of the views and what came of each exposure.
     about : dict of str to object
         Versions, seed, views and what was asked for.
     """
 
-    outcomes: pl.DataFrame
+    outcomes: tuple[ViewOutcome, ...]
     sweep: str
     sweep_sha256: str
     about: dict[str, Any] = field(default_factory=dict)
@@ -75,18 +70,29 @@ class Comparison:
         them, ``time_s`` a view, ``all_had_share`` of views, ``promised`` and ``achieved`` chance,
         ``promise_brier`` and ``chance_brier``; ``…_low`` and ``…_high`` are ends of 95 % intervals.
         """
-        names = self.outcomes["strategy"].unique(maintain_order=True).to_list()
-        return pl.DataFrame([self._score(name) for name in names], infer_schema_length=None)
+        rows = [self._score(name) for name in self.strategies]
+        return pl.DataFrame(rows, infer_schema_length=None)
+
+    @property
+    def strategies(self) -> tuple[str, ...]:
+        """The strategies, in their order."""
+        return tuple(dict.fromkeys(each.strategy for each in self.outcomes))
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """The outcomes, a row for each strategy and view."""
+        return frame_of(self.outcomes)
 
     def _score(self, name: str) -> dict[str, Any]:
-        rows = self.outcomes.filter(pl.col("strategy") == name)
-        oracle = self.outcomes.filter(pl.col("strategy") == ORACLE)["captures"]
-        frame = rows.with_columns(
-            oracle=pl.Series(oracle if len(oracle) else [None] * len(rows), dtype=pl.Float64),
-            all=pl.col("had") == pl.col("coverable"),
-            views=1.0,
-        )
-        totals = frame.select(pl.col(_TOTALS).cast(pl.Float64)).to_numpy()
+        rows = [each for each in self.outcomes if each.strategy == name]
+        oracle = [len(each.captures_ms) for each in self.outcomes if each.strategy == ORACLE]
+        totals = np.array(
+            [
+                (each.coverable, each.had, len(each.captures_ms), len(each.trial_images_ms),
+                 each.time_s, best, each.had == each.coverable, 1.0)
+                for each, best in zip(rows, oracle, strict=True)
+            ]
+        )  # fmt: skip
         draws = np.random.default_rng(1).integers(0, len(totals), (_DRAWS, len(totals)))
         value, drawn = _figures(totals.sum(axis=0)), _figures(totals[draws].sum(axis=1))
         low_high = {
@@ -95,15 +101,15 @@ class Comparison:
             for end, level in zip(("low", "high"), _BAND, strict=True)
         }
         sums = {
-            each: float(rows[each].sum())
+            each: float(sum(getattr(row, each) for row in rows))
             for each in (
                 "promises", "promised", "kept", "promise_loss", "chances", "chance_loss",
             )
         }  # fmt: skip
         return {
             "strategy": name,
-            "kind": rows["kind"][0],
-            "title": rows["title"][0],
+            "kind": rows[0].kind,
+            "title": rows[0].title,
             "covered_share": float(value["covered_share"]),
             "exposures": float(value["exposures"]),
             "trial_images": float(value["trial_images"]),
@@ -194,14 +200,8 @@ class Comparison:
                 "quality needed and limits"
             )
             raise InputError(msg)
-        names = self.outcomes["strategy"].unique().to_list()
-        new = other.outcomes.filter(~pl.col("strategy").is_in(names))
-        return Comparison(
-            outcomes=pl.concat([self.outcomes, new.select(self.outcomes.columns)]),
-            sweep=self.sweep,
-            sweep_sha256=self.sweep_sha256,
-            about=self.about,
-        )
+        new = tuple(each for each in other.outcomes if each.strategy not in self.strategies)
+        return replace(self, outcomes=self.outcomes + new)
 
     def __str__(self) -> str:
         return f"{self.verdict}\n{self.table}"
@@ -283,10 +283,11 @@ def compare(
     runs: list[tuple[str, Strategy, SensorModels | None]] = []
     for each in chosen:
         if each.kind == "model":
-            runs += [(_label(each, pair, models), each, pair) for pair in models]
+            labels = (each.name + suffix for suffix in _suffixes(models))
+            runs += [(label, each, pair) for label, pair in zip(labels, models, strict=True)]
         else:
             runs.append((each.name, each, None))
-    rows: list[dict[str, Any]] = []
+    outcomes: list[ViewOutcome] = []
     costs = costs or MeasuringCosts()
     for done, (label, each, pair) in enumerate(runs):
         progress("comparing", done, len(runs))
@@ -299,12 +300,11 @@ def compare(
             models=pair,
         )
         facts = {"strategy": label, "kind": each.kind, "title": each.title}
-        rows += [
-            {**facts, **row} for row in _rows(measured(each.start(setup), sweep, setup), costs)
-        ]
+        for trial in measured(each.start(setup), sweep, setup):
+            outcomes.append(ViewOutcome.of(trial, costs, **facts))
     progress("comparing", len(runs), len(runs))
     return Comparison(
-        outcomes=pl.DataFrame(rows, infer_schema_length=None),
+        outcomes=tuple(outcomes),
         sweep=sweep.name,
         sweep_sha256=sweep.sha256,
         about={
@@ -326,41 +326,16 @@ def compare(
     )
 
 
-def _label(strategy: Strategy, pair: SensorModels, models: Sequence[SensorModels]) -> str:
-    names = [_names(each) for each in models]
-    if len(models) == 1:
-        return strategy.name
-    label = f"{strategy.name} ({_names(pair)})"
-    same = [each for each, name in zip(models, names, strict=True) if name == _names(pair)]
-    if len(same) == 1:
-        return label
-    place = next(i for i, each in enumerate(same, start=1) if each is pair)
-    return f"{label[:-1]}, {place})"
-
-
-def _names(pair: SensorModels) -> str:
-    return f"{pair.quality.name} + {pair.exposure.name}"
-
-
-def _rows(trials: Iterable[Trial], costs: MeasuringCosts) -> Iterator[dict[str, Any]]:
-    for trial in trials:
-        coverable = (trial.of.p_norm >= trial.need).any(axis=1)
-        had, promises = trial.had, trial.promises
-        chances = trial.chances
-        loss = 0.0 if chances is None else (chances - (trial.of.p_norm >= trial.need)) ** 2
-        yield {
-            "view": trial.view,
-            "coverable": int(coverable.sum()),
-            "had": len(had),
-            "captures": len(trial.captures_ms),
-            "trial_images": len(trial.trial_images_ms),
-            "time_s": time_ms(trial, costs) / 1000.0,
-            "captures_ms": list(trial.captures_ms),
-            "trial_images_ms": list(trial.trial_images_ms),
-            "promises": len(promises),
-            "promised": sum(promises.values()),
-            "kept": sum(name in had for name in promises),
-            "promise_loss": sum((chance - (name in had)) ** 2 for name, chance in promises.items()),
-            "chances": 0 if chances is None else chances.size,
-            "chance_loss": float(np.sum(loss)),
-        }
+def _suffixes(models: Sequence[SensorModels]) -> list[str]:
+    """Return what tells a strategy with one pair of models from the same one with another."""
+    names = [
+        (f"{pair.quality.name} + {pair.exposure.name}",)
+        if not isinstance(pair.quality, WindowModel)
+        else ()
+        for pair in models
+    ]
+    parts = [
+        (*name, str(names[: i + 1].count(name))) if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]
+    return [f" ({', '.join(each)})" if each else "" for each in parts]

@@ -171,6 +171,38 @@ def _demo() -> MeasuringPlan:
     return _inside("demo", planes, _TRAINING + _MORE_TRAINING + _TEST)
 
 
+_SWEEP_EXPOSURES = (
+    *(float(ms) for ms in range(2, 13)), 15.0, 18.0, 22.0, 26.0, 31.0, 37.0, 45.0, 54.0, 65.0, 78.0,
+    93.0, 112.0, 135.0, 162.0, 194.0, 233.0, 280.0, 337.0, 404.0, 485.0, 583.0, 700.0,
+)  # fmt: skip
+"""Whole ms at about equal ratios."""
+
+
+def _sweep() -> MeasuringPlan:
+    """Random views of all holes, none of another plan, from too dark to clipped for each hole.
+
+    The public benchmark's views (``docs/benchmark.md``): neither they nor their seed may change.
+    """
+    box = positions.RandomPositions(
+        name="random",
+        count=30,
+        x_mm=(-230.0, 230.0),
+        y_mm=(-200.0, 200.0),
+        z_tcp_mm=(-165.0, 155.0),
+        exposures_ms=_SWEEP_EXPOSURES,
+    )
+    holes = tuple(f"h{number:02d}" for number in range(1, 18))
+    return MeasuringPlan(
+        name="sweep",
+        sensor=_COMET,
+        features=_TRAINING + _MORE_TRAINING + _TEST + holes,
+        reference="f1",
+        random=(box,),
+        blind_views="skip",
+        seed=201,
+    )
+
+
 def _all_plans() -> tuple[MeasuringPlan, ...]:
     x = (_NEAR, _MIDDLE, _FAR)
     plus = _TRAINING + _MORE_TRAINING
@@ -219,6 +251,7 @@ def _all_plans() -> tuple[MeasuringPlan, ...]:
         _inside("inside", x, plus + _TEST),
         _demo(),
         _small(),
+        _sweep(),
     )
 
 

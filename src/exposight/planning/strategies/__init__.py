@@ -7,6 +7,7 @@ from exposight.planning.strategies import (
     one_exposure,
     oracle,
     pixel_intervals,
+    planned,
     regions,
 )
 from exposight.planning.strategies.contract import (

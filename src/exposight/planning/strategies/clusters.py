@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
 
-from exposight.planning.strategies.contract import Method, Trial, register
+from exposight.planning.strategies.contract import FloatArray, Method, Trial, register
 from exposight.planning.strategies.region_light import radiances
 from exposight.planning.strategies.rehearsal import best_of
 from exposight.tables import counted
@@ -20,13 +19,24 @@ def clustered(first_ms: float, target: float, count: int) -> Method:
     """Bring the centre of each of some clusters of brightness to a grey level."""
 
     def measure(trial: Trial) -> None:
-        value = np.log(radiances(trial, first_ms))
-        clusters = min(count, len(np.unique(value)))
-        start = np.quantile(value, (np.arange(clusters) + 0.5) / clusters)
-        centres, _ = kmeans2(value, start, minit="matrix", missing="warn", rng=1)
-        trial.take_all(sorted((target / np.exp(centres)).ravel().tolist()))
+        centres = means(np.log(radiances(trial, first_ms)), count)
+        trial.take_all(sorted((target / np.exp(centres)).tolist()))
 
     return measure
+
+
+def means(values: FloatArray, count: int) -> FloatArray:
+    """Return the centres of k-means clusters of numbers, starting from evenly spread quantiles.
+
+    A cluster that loses all its members goes.
+    """
+    centres = np.unique(np.quantile(values, (np.arange(count) + 0.5) / count))
+    while True:
+        nearest = np.abs(values[:, None] - centres).argmin(axis=1)
+        moved = np.array([values[nearest == place].mean() for place in np.unique(nearest)])
+        if len(moved) == len(centres) and np.allclose(moved, centres):
+            return moved
+        centres = moved
 
 
 for _count in (1, 2, 3):

@@ -35,14 +35,12 @@ def least_cover(serves: NDArray[np.bool_], costs: FloatArray) -> list[int]:
 
 
 def _oracle(setup: Setup, first: float) -> Method:
-    need = setup.sweep.need
+    serves = {view.name: view.p_norm >= setup.sweep.need for view in setup.sweep.views}
 
     def measure(trial: Trial) -> None:
-        outcomes = {view.name: view.p_norm for view in setup.rehearsal.views}
-        outcomes |= {view.name: view.p_norm for view in setup.sweep.views}
         times_ms = np.array([setup.costs.capture.capture_ms(t) for t in trial.settings_ms.tolist()])
         share = times_ms / times_ms.sum()
-        for place in least_cover(outcomes[trial.view] >= need, first + share)[: trial.left]:
+        for place in least_cover(serves[trial.view], first + share)[: trial.left]:
             trial.take(float(trial.settings_ms[place]))
 
     return measure
