@@ -20,9 +20,8 @@ from exposight.planning.ring_visibility import RingVisibility, ViewingLimits
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-_TILT_MARGIN_DEG = 20.0
-"""How much less than the limit of incidence a sensor is tilted: features at the border of the frame
-are seen so much more obliquely."""
+_LEAST_TILT_DEG = 10.0
+"""Tilts reach so far at least, so that glare can be avoided."""
 
 _RANGE_MARGIN = 0.05
 """Share of the working distance at both ends at which no group is looked at: parts of it would lie
@@ -143,7 +142,7 @@ def sample_poses(
     most = max(1, count // _LEAST_SAMPLES)
     groups = _groups(rings, sensor, limits, (near, far), most, among)
     each = -(-count // len(groups))
-    tilt_deg = max(limits.incidence_deg - _TILT_MARGIN_DEG, 0.0)
+    tilt_deg = max(limits.incidence_deg - _half_diagonal_deg(sensor), _LEAST_TILT_DEG)
     poses = []
     for number, group in enumerate(groups):
         fitting = math.log(group.distance_mm / near) / max(math.log(far / near), 1e-9)
@@ -159,6 +158,13 @@ def sample_poses(
                 pose = _into_reach(pose, reach, sensor, group.target, anywhere)
             poses.append(pose.inverse())
     return poses[:count]
+
+
+def _half_diagonal_deg(sensor: ActiveSensor) -> float:
+    """Return how much more obliquely what faces the sensor is seen in the frame's corners."""
+    camera = sensor.camera
+    slope = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2.0
+    return math.degrees(math.atan(slope))
 
 
 def _spread(count: int, rng: np.random.Generator) -> FloatArray:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Part
 from exposight.cell.placement import check_placement
-from exposight.errors import InputError
+from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
 from exposight.geometry.meshes import Mesh
 from exposight.observing import View
@@ -39,6 +39,10 @@ Reach: TypeAlias = ReachBox | Mapping[str, RigidTransform] | Sequence[RigidTrans
 _ALIKE_DEG, _ALIKE_RATIO = 10.0, 1.3
 """Half vectors by which, or distances at whose ratio, two views of a feature are two lights: a lobe
 is a few degrees wide, and light falls by the square of distance (assumed)."""
+
+_SMALL_MM, _HUGE = 50.0, 300.0
+"""A mesh so many times as large as its features, these taken to be no smaller than this, is in
+another unit."""
 
 _FIRST = 3.0
 """How much more it counts to see a feature at all than to see it in another light."""
@@ -160,6 +164,7 @@ def candidate_views(
     notes = _notes(sensor, mesh)
     if mesh is not None:
         check_placement(part, mesh.vertices, mesh.faces, mesh_unit)
+        _check_extent(part, mesh, mesh_unit)
     rings = RingVisibility(part, sensor, mesh, limits)
     names = [feature.name for feature in part.features]
     pool = _pool(rings, sensor, limits, reach, count, seed)
@@ -222,6 +227,20 @@ def _pool(
     if isinstance(reach, Mapping):
         return dict(reach)
     return {f"pose-{i:0{len(str(len(reach)))}d}": pose for i, pose in enumerate(reach, start=1)}
+
+
+def _check_extent(part: Part, mesh: Mesh, unit: str) -> None:
+    """Refuse a mesh beside which features are dust: a plane through the origin has them anyhow."""
+    places = np.array([feature.part_from_feature.translation_mm for feature in part.features])
+    features_mm = max(float(np.linalg.norm(np.ptp(places, axis=0))), _SMALL_MM)
+    mesh_mm = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if mesh_mm > _HUGE * features_mm:
+        msg = (
+            f"the mesh reaches over {mesh_mm / 1000:.3g} m and the features of {part.name!r} over "
+            f"{features_mm:.3g} mm: is it written in mm instead of {unit}? Say its unit, and give "
+            "features in mm"
+        )
+        raise FeatureError(msg)
 
 
 def _notes(sensor: ActiveSensor, mesh: Mesh | None) -> tuple[str, ...]:
