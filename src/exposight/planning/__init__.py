@@ -4,7 +4,19 @@ from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.chain import ChainedQuality, chained_forecast, with_chains
 from exposight.planning.comparison import Comparison, compare
 from exposight.planning.comparison_files import read_comparison, write_comparison
+from exposight.planning.cover import plan_exposures
 from exposight.planning.exposure_limits import PROFILES, CaptureCosts, ExposureLimits, limits_named
+from exposight.planning.exposure_plan import (
+    Certificate,
+    ExposurePlan,
+    Goal,
+    ModelReference,
+    PlanView,
+    Promise,
+    parse_exposure_plan,
+    read_exposure_plan,
+    write_exposure_plan,
+)
 from exposight.planning.forecasts import LIKELY, WANTED_BRIGHTNESS, Forecast
 from exposight.planning.model_scores import ModelScores
 from exposight.planning.path_search import Prefer
@@ -19,3 +31,4 @@ from exposight.planning.recommendation import (
 from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels, train
 from exposight.planning.strategies import Setup, Strategy, Trial, strategy
 from exposight.planning.sweeps import Sweep
+from exposight.planning.trade_off import trade_off

@@ -30,7 +30,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 _GAP = 1e-4
 """A cover this share above its bound counts as optimal, where costs are times."""
 
-_SMALL = 4000
+_SMALL = 20000
 """Entries of a matrix up to which a program is solved here, as a process would take longer."""
 
 _HERE_S = 1.0
@@ -151,7 +151,7 @@ def _cheapest(
         rounds: int, limit_s: float, seed: int, enough: Callable[[float], bool]
     ) -> BoolArray | None:
         found = search(program, rounds=rounds, limit_s=limit_s, seed=seed, enough=enough)
-        return None if found is None else _filled_up(program, found)
+        return None if found is None else filled_up(program, found)
 
     with Solver(program.linear(), deadline, progress) as solver:
         relaxed = solver.start(relaxed=True)
@@ -206,7 +206,7 @@ def _rounded(bound: float, counts: bool) -> float:
     return float(math.ceil(bound - 1e-6)) if counts and math.isfinite(bound) else bound
 
 
-def _filled_up(program: Program, taken: BoolArray) -> BoolArray:
+def filled_up(program: Program, taken: BoolArray) -> BoolArray:
     """Add the cheapest captures to views that take fewer than their least number."""
     filled = taken.copy()
     for view in np.flatnonzero((counts := program.counts(taken)) > 0):

@@ -1,0 +1,128 @@
+"""How many features can be had for how many captures, or how much time: a curve with bounds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from exposight.planning.capture_chances import CaptureChances
+from exposight.planning.cover import check_goal
+from exposight.planning.cover_budget import greedy_choices, most_within
+from exposight.planning.cover_demand import Demand, demand_of
+from exposight.planning.cover_solver import cheapest_cover
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.exposure_plan import Goal
+from exposight.planning.recommendation import CONFIDENCE, check_confidence
+from exposight.tables import Column, Table
+from exposight.workers import Progress, ignore_progress
+
+Places: TypeAlias = list[tuple[int, ...]]
+
+_DUST = 1e-9
+
+_EXACT = 3000
+"""Features times views up to which each point of the curve is solved exactly."""
+
+_CURVE_COLUMNS = (
+    Column(name="captures"),
+    Column(name="views"),
+    Column(name="time_s", label="time\ns", decimals=1),
+    Column(name="features", label="features at\nthe confidence"),
+    Column(name="bound", label="at most", decimals=0),
+    Column(name="expected", label="expected\nfeatures", decimals=1),
+)
+
+
+def trade_off(
+    views: Sequence[CaptureChances],
+    limits: ExposureLimits,
+    costs: CaptureCosts | None = None,
+    *,
+    goal: Goal = "count",
+    confidence: float = CONFIDENCE,
+    moves: bool = True,
+    points: int = 10,
+    time_limit_s: float = 20.0,
+    seed: int = 1,
+    progress: Progress = ignore_progress,
+) -> Table:
+    """Return how many features can be had for how many captures, or how much time.
+
+    Parameters
+    ----------
+    views, limits, costs, goal, confidence, moves, seed, progress
+        As for `plan_exposures`.
+    points : int
+        Points of the curve, at most; the last one serves all that can be served.
+    time_limit_s : float, s
+        By the wall clock, for all points together.
+
+    Returns
+    -------
+    Table
+        A row for each budget: ``captures``, ``views``, ``time_s``, ``features`` that reach the
+        confidence, at most ``bound`` within this budget, and ``expected`` features.
+
+    Raises
+    ------
+    InputError
+        As `plan_exposures`.
+    """
+    costs, started = costs or CaptureCosts(), time.monotonic()
+    check_goal(goal, None, time_limit_s)
+    by_time = goal == "time"
+    demand = demand_of(
+        views,
+        limits,
+        costs,
+        by_time=by_time,
+        confidence=check_confidence(confidence),
+        moves=moves,
+    )
+    program, rows = demand.program, []
+    cover = cheapest_cover(program, limit_s=0.5 * time_limit_s, seed=seed, progress=progress)
+    seeds = () if cover is None else (cover.taken,)
+    worth = np.ones(len(demand.asked))
+    steps = greedy_choices(program, worth, among=seeds[0] if seeds else None)[1:]
+    budgets = sorted({program.value(taken) for taken in steps})
+    places = np.unique(np.linspace(0, len(budgets) - 1, points).round().astype(int))
+    for done, place in enumerate(places if len(budgets) else ()):
+        progress("the trade-off", done, len(places))
+        left = max(time_limit_s - (time.monotonic() - started), 0.05)
+        choice = most_within(
+            program,
+            worth,
+            budgets[place],
+            limit_s=left / (len(places) - done),
+            seeds=seeds,
+            exact=len(demand.asked) * len(views) < _EXACT,
+        )
+        rows.append(_point(demand, demand.places(choice.taken), costs, moves, choice.bound))
+    progress("the trade-off", len(places), len(places))
+    return Table.of("trade_off", rows, _CURVE_COLUMNS, title="Features over captures and time")
+
+
+def _point(
+    demand: Demand, places: Places, costs: CaptureCosts, moves: bool, bound: float
+) -> dict[str, object]:
+    chance = dict.fromkeys(demand.features, 0.0)
+    time_ms, visited = 0.0, [v for v, chosen in enumerate(places) if chosen]
+    for v in visited:
+        view = demand.views[v]
+        time_ms += sum(costs.capture_ms(float(view.settings_ms[i])) for i in places[v])
+        time_ms += costs.move_ms if moves else 0.0
+        for name, each in zip(view.features, view.any_of(places[v]).tolist(), strict=True):
+            chance[name] = max(chance[name], each)
+    total = np.array([chance[name] for name in demand.features])
+    served = (total >= demand.targets - _DUST) & (demand.targets > 0.0)
+    return {
+        "captures": sum(map(len, places)),
+        "views": len(visited),
+        "time_s": time_ms / 1000.0,
+        "features": int(served.sum()),
+        "bound": max(float(bound), float(served.sum())),
+        "expected": float(total.sum()),
+    }
