@@ -30,6 +30,9 @@ _PER_MS: Mapping[str, float] = {"us": 1e3, "ms": 1.0, "s": 1e-3}
 _SAME = 1e-6
 """Share of an increment within which two times are the same setting: dust of binary sums."""
 
+_DECIMALS = 6
+"""Of settings in ms: nanoseconds are finer than any camera, and rounding drops the sum's dust."""
+
 _RIPPLE = 0.01
 """Share of the mains' half period by which an exposure time may miss a multiple of it.
 
@@ -158,8 +161,7 @@ class ExposureLimits:
         return listed
 
     def _at(self, steps: NDArray[np.int64] | FloatArray) -> FloatArray:
-        # Nanoseconds are finer than any camera: rounding only drops the dust of the sum.
-        times_ms: FloatArray = np.round(self.min_ms + steps * self.increment_ms, 6)
+        times_ms: FloatArray = np.round(self.min_ms + steps * self.increment_ms, _DECIMALS)
         return times_ms
 
     def _settings_in(self, low_ms: float, high_ms: float) -> tuple[int, int]:
@@ -206,7 +208,7 @@ class ExposureLimits:
 
     def allows(self, exposure_ms: float) -> bool:
         """Return whether the sensor can be set to an exposure time."""
-        slack = _SAME * self.increment_ms
+        slack = _SAME * self.increment_ms + 10.0**-_DECIMALS
         return self._settings_in(exposure_ms - slack, exposure_ms + slack) != (0, -1)
 
     def set_value(self, exposure_ms: float) -> float:
