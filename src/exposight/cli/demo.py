@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import polars as pl
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt
 
@@ -31,8 +32,9 @@ def demo_command(
     """Run the whole method once on a simulated cell.
 
     A car door of bare sheet metal is measured, models are trained on some of its features and
-    evaluated on others. They forecast a new view and choose its exposure time; the view is then
-    taken and compared with the forecast. The numbers are the simulated cell's.
+    evaluated on others. They say which exposures to take of a new view and which features will
+    fail; then these are taken, and promised is compared with achieved. The numbers are the
+    simulated cell's.
 
     Writes report.html, which opens without a network. Captures are kept: run it again after an
     interruption and it goes on.
@@ -59,29 +61,37 @@ def demo_command(
         progress("writing the report", 0, 1)
         report.write(output)
         progress("writing the report", 1, 1)
-    view, summary = report.view, report.summary
+    summary = report.summary
     unseen = tuple(result.evaluation for result in report.results)
     known = tuple(result.training for result in report.results if result.training is not None)
-    mean = view.p_norm.mean(axis=0)
-    means = ", ".join(
-        f"{p_norm:.2f} at {number(exposure_ms)} ms"
-        for p_norm, exposure_ms in zip(mean, view.exposures_ms, strict=True)
-    )
+    promise = report.content["promise"]
+    said = promise.recommended
+    n = len(said.features)
+    single = f"{promise.n_single} of {n}, at {number(promise.single_ms)} ms"
     return Result(
+        title=". ".join(
+            (
+                f"{said.verdict[0].upper()}{said.verdict[1:]}",
+                *(f"{name} will fail: {reason}" for name, reason in promise.failing.items()),
+                f"Taken: {promise.n_achieved} of {n} did",
+            )
+        ),
         facts=(
+            fact("exposures_ms", list(said.exposures_ms), ""),
+            fact("promised", said.expected, f"{said.expected:.1f} of {n} features"),
+            fact("achieved", promise.n_achieved, f"{promise.n_achieved} of {n}"),
+            fact("best_single_exposure", promise.n_single, single),
             fact("simulated", True, ""),
             fact("plan", settings.plan.name, ""),
             fact("views", summary.views),
             fact("captures", summary.captures),
             fact("observations", len(report.table)),
-            fact("chosen_exposure_ms", view.exposures_ms[view.main]),
-            fact("mean_p_norm", mean.tolist(), means),
             fact("output", str(output)),
         ),
         tables=(
+            _new_view(report),
             _scores("known", "the features that they were trained on", known),
             _scores("unseen", "unseen features", unseen),
-            _new_view(report),
         ),
         notes=("these numbers are the simulated cell's, not a real sensor's",),
         files=(file,),
@@ -98,26 +108,17 @@ def _scores(name: str, features: str, evaluations: tuple[Evaluation, ...]) -> Ta
 
 
 def _new_view(report: CampaignReport) -> Table:
-    view, chosen = report.view, report.view.main
-    columns = [Column(name="feature"), Column(name="trained")]
-    rows = [{"feature": name, "trained": name not in report.unseen} for name in view.features]
-    for place, forecast in enumerate(view.forecasts):
-        taken, names = forecast.taken, ("predicted", "low", "high")
-        for name, label in zip(names, (f"by {forecast.quality}", "−2σ", "+2σ"), strict=True):
-            columns.append(Column(name=f"{name}_{forecast.quality}", label=label, decimals=2))
-        for i, row in enumerate(rows):
-            values = (taken.p_norm, taken.p_norm_low, taken.p_norm_high)
-            for name, of_all in zip(names, values, strict=True):
-                row[f"{name}_{forecast.quality}"] = float(of_all[i, chosen])
-            if place == 0:
-                row["chance"] = float(taken.chance[i, chosen])
-    columns.append(Column(name="measured_p_norm", label="measured", decimals=2))
-    for i, row in enumerate(rows):
-        row["measured_p_norm"] = float(view.p_norm[i, chosen])
-    return Table.of(
-        "new_view",
-        rows,
-        tuple(columns),
-        title=f"A new view: {number(view.exposures_ms[chosen])} ms was chosen by forecast, then "
-        "taken",
+    """Return what was promised of each feature, and what was achieved."""
+    promise = report.content["promise"]
+    frame = promise.recommended.frame.with_columns(
+        pl.col("feature").replace_strict(promise.achieved, default=None).alias("measured_p_norm"),
+        (~pl.col("feature").is_in(list(report.unseen))).alias("trained"),
     )
+    columns = (
+        Column(name="feature"),
+        Column(name="trained"),
+        Column(name="exposure_ms", label="served at\nms", digits=4),
+        Column(name="chance", label="promised\n%", decimals=1, scale=100.0),
+        Column(name="measured_p_norm", label="measured\np_norm", decimals=2),
+    )
+    return Table(name="new_view", frame=frame, columns=columns, title="The new view")

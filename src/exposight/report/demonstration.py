@@ -1,14 +1,18 @@
 """The demonstration: a door in the simulated cell is measured, learnt, and met in a new view.
 
 Some features train in views over three depth planes, others are never shown to the models. Then
-the sensor stands where it never stood: the exposure time is chosen by prediction alone, the view
-is taken, and what came is compared with what was predicted.
+the sensor stands where it never stood: exposures are recommended by prediction alone, and who will
+fail is said; then they are taken, and what was promised is compared with what was achieved.
 """
 
+from __future__ import annotations
+
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from exposight.cell import CampaignFolder, write_features
 from exposight.errors import InputError
@@ -23,11 +27,13 @@ from exposight.models import (
     train_all,
     train_window,
 )
-from exposight.observing import ObservationTable, View, observe_campaign
+from exposight.observing import ObservationTable, View, Visibility, observe_campaign
+from exposight.planning import CaptureCosts, Recommendation
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan
 from exposight.report import campaign_summary, shown_view
 from exposight.report.campaign_page import CampaignReport, sensor_facts
 from exposight.report.part_plot import PartMesh
+from exposight.report.recommendation_figure import recommendation_picture
 from exposight.twin import SimulatedCell, scene_at
 from exposight.twin.part import DOOR, MeshSettings, mesh_sheet
 from exposight.workers import Progress, ignore_progress, usual_workers
@@ -37,11 +43,14 @@ _UNSEEN_SUFFIX = "_test"  # as the door's test features are called
 _NEW_POSITION = DepthPlane(
     name="new",
     # Between the campaign's depth planes, and off the grid of each in x and y.
-    z_tcp_mm=70.0,
-    x_mm=(40.0,),
+    z_tcp_mm=30.0,
+    x_mm=(-60.0,),
     y_mm=(0.0,),
     exposures_ms=(1.0,),  # until they are chosen
 )
+
+_FRAMES, _OVERHEAD_MS = 12, 500.0
+"""Of a capture: patterns that are projected, and what a capture takes beside (assumed)."""
 
 _COARSE = MeshSettings(
     lattice_mm=7.0,
@@ -52,6 +61,66 @@ _COARSE = MeshSettings(
     arc_steps=1,
 )
 """Some 50 000 triangles for one skin: enough for a picture, and quick to draw."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Promise:
+    """What was recommended of a view, and what came of it.
+
+    Parameters
+    ----------
+    recommended : Recommendation
+        Before anything was taken.
+    achieved : dict of str to float
+        The best p_norm of each feature in the recommended captures.
+    single_ms : float, ms
+        The best single exposure time, by forecast.
+    single : dict of str to float
+        p_norm of each feature with it.
+    """
+
+    recommended: Recommendation
+    achieved: dict[str, float]
+    single_ms: float
+    single: dict[str, float]
+
+    @classmethod
+    def kept_by(
+        cls, recommended: Recommendation, single_ms: float, table: ObservationTable
+    ) -> Promise:
+        """Look up what the view's captures gave."""
+        frame = table.measured().frame
+
+        def best(times_ms: Collection[float]) -> dict[str, float]:
+            rows = frame.filter(pl.col("exposure_ms").is_in(list(times_ms)))
+            return dict(rows.group_by("feature").agg(pl.col("p_norm").max()).iter_rows())
+
+        return cls(
+            recommended=recommended,
+            achieved=best(recommended.exposures_ms),
+            single_ms=single_ms,
+            single=best([single_ms]),
+        )
+
+    @property
+    def n_achieved(self) -> int:
+        """Features that reached the quality."""
+        return sum(each >= self.recommended.need for each in self.achieved.values())
+
+    @property
+    def n_single(self) -> int:
+        """Features that reach it with the best single exposure time."""
+        return sum(each >= self.recommended.need for each in self.single.values())
+
+    @property
+    def failing(self) -> dict[str, str]:
+        """Features that were said to fail, and why; of those not seen, the nearly seen ones."""
+        said = {each.feature: each.reason for each in self.recommended.failing}
+        return said | {
+            name: reason
+            for name, reason in self.recommended.hidden.items()
+            if reason == Visibility.PARTLY_OUT_OF_FRAME.value
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,14 +168,18 @@ class DemonstrationSettings:
                 f"{names or 'none'}; add the one that is missing"
             )
             raise InputError(msg)
-        unseen = {name for name in self.plan.features if name.endswith(_UNSEEN_SUFFIX)}
-        if not 0 < len(unseen) < len(self.plan.features):
+        if not 0 < len(self.unseen) < len(self.plan.features):
             msg = (
                 f"plan {self.plan.name!r}: the demonstration needs features that train and "
                 f"features whose names end in {_UNSEEN_SUFFIX!r}, got "
                 f"{', '.join(self.plan.features)}"
             )
             raise InputError(msg)
+
+    @property
+    def unseen(self) -> frozenset[str]:
+        """The plan's features that do not train."""
+        return frozenset(name for name in self.plan.features if name.endswith(_UNSEEN_SUFFIX))
 
 
 def run_demonstration(
@@ -155,7 +228,7 @@ def run_demonstration(
     write_features(folder / "features.csv", part.features)
     table = observe_campaign(campaign, progress=progress)
     table.write(folder / "observations.csv")
-    unseen = frozenset(name for name in table.names("feature") if name.endswith(_UNSEEN_SUFFIX))
+    unseen = settings.unseen
     known = table.where(~np.isin(table.names("feature"), list(unseen)))
     source = f"plan {plan.name!r} on the simulated cell"
     progress("training the default models", 0, 1)
@@ -175,8 +248,8 @@ def run_demonstration(
     make_folder(folder / "models")
     for model in models:
         save_model(folder / "models" / f"{model.name}{MODEL_SUFFIX}", model)
-    view = _new_view(plan, folder / "new-view", campaign, models, progress)
-    return _report(settings, campaign, table, models, unseen, view)
+    promise, view = _new_view(plan, folder / "new-view", campaign, models, progress)
+    return _report(settings, campaign, table, models, unseen, promise, view)
 
 
 def door_mesh() -> PartMesh:
@@ -217,24 +290,32 @@ def _new_view(
     campaign: CampaignFolder,
     models: tuple[Predictor, ...],
     progress: Progress,
-) -> shown_view.ShownView:
-    """Forecast the view at all exposure times, choose one, and only then take the view."""
-    sensor, part = campaign.sensor, campaign.part
+) -> tuple[Promise, shown_view.ShownView]:
+    """Recommend exposures of a view, say who will fail, and only then take them."""
+    sensor = campaign.sensor
     pairs = shown_view.forecasting_models(models)
     progress("forecasting a new view", 0, 1)
     # shares of views that are aligned by kinematics alone are of the campaign's planes
     settings = {name: each for name, each in plan.simulated.items() if name != "kinematic_share"}
-    plan = replace(plan, name="new view", planes=(_NEW_POSITION,), random=(), simulated=settings)
+    whole = scene_at(None).part
+    flat = tuple(each.name for each in whole.features if each.kind != "sphere")
+    plan = replace(
+        plan,
+        name="new view",
+        features=tuple(name for name in flat if not name.endswith("_out")),
+        planes=(_NEW_POSITION,),
+        random=(),
+        simulated=settings,
+    )
+    part = plan.observed_part(whole)
     (planned,) = plan.views(part)
     pose = SimulatedCell.for_plan(plan).reported_pose(planned.camera_from_part, planned.name)
     view = View.of(part, sensor, pose, name=planned.name)
+    costs = CaptureCosts(frames=_FRAMES, overhead_ms=_OVERHEAD_MS)
+    recommended = pairs[0].recommend(view, costs=costs)
     choice = pairs[0].forecast(view)
-    chosen_ms = choice.best_exposure_ms()
-    exposures_ms = (
-        sensor.nearest_exposure(max(chosen_ms / shown_view.BRACKET, sensor.exposure.min_ms)),
-        chosen_ms,
-        sensor.nearest_exposure(min(chosen_ms * shown_view.BRACKET, sensor.exposure.max_ms)),
-    )
+    single_ms = choice.best_exposure_ms()
+    exposures_ms = tuple(sorted({*recommended.exposures_ms, single_ms}))
     forecasts = [
         (pair.forecast(view, choice.exposures_ms), pair.forecast(view, exposures_ms))
         for pair in pairs
@@ -242,10 +323,10 @@ def _new_view(
     progress("forecasting a new view", 1, 1)
     plan = replace(plan, planes=(replace(_NEW_POSITION, exposures_ms=exposures_ms),))
     taken = _simulate(plan, folder, "taking the new view", progress)
-    shown = shown_view.show_view(
-        observe_campaign(taken, progress=progress), main_ms=chosen_ms, campaign=taken
-    )
-    return shown_view.with_forecasts(shown, pairs, forecasts)
+    table = observe_campaign(taken, progress=progress)
+    shown = shown_view.show_view(table, times_ms=exposures_ms, campaign=taken)
+    promise = Promise.kept_by(recommended, single_ms, table)
+    return promise, shown_view.with_forecasts(shown, pairs, forecasts)
 
 
 def _report(
@@ -254,16 +335,19 @@ def _report(
     table: ObservationTable,
     models: tuple[Predictor, ...],
     unseen: frozenset[str],
+    promise: Promise,
     view: shown_view.ShownView,
 ) -> CampaignReport:
     plan, summary = settings.plan, campaign_summary.summarise(table)
     results = campaign_summary.evaluate_models(models, table, unseen)
     times = summary.exposures_ms
     x, y, z = next(where.translation_mm for _, where in _NEW_POSITION.placements())
+    learnt = {feature.name for feature in summary.features if feature.name not in unseen}
+    unseen = unseen | ({*view.features} - learnt)
     trained = [feature.name for feature in summary.features if feature.name not in unseen]
     return CampaignReport(
-        title="A simulated car door: point-cloud quality and exposure time, predicted",
-        lead="Demonstration of exposight on a car door in a simulated measuring cell.",
+        title="A car door: which exposures to take, and which features will fail",
+        lead="Demonstration of exposight in a simulated measuring cell.",
         table=table,
         summary=summary,
         view=view,
@@ -290,7 +374,10 @@ def _report(
         template="demonstration.html",
         content={
             "view_words": "the new view",
-            "view_title": "A new view, at three exposure times",
+            "view_title": "The new view, at these exposure times and the best single one",
+            "evaluated": len(settings.unseen),
+            "promise": promise,
+            "promise_figure": recommendation_picture(promise.recommended, promise.achieved),
             "trained": trained,
             "example": _example(view),
             "command": "exposight demo"

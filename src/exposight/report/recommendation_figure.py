@@ -1,7 +1,7 @@
 """A picture of which exposures to take: the features' windows, and the times that serve them."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,14 +25,25 @@ _REASON_LINES = 2
 _TICKS_MS = [0.01, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000]
 
 
-def recommendation_picture(recommendation: Recommendation) -> Still:
+def recommendation_picture(
+    recommendation: Recommendation, achieved: Mapping[str, float] | None = None
+) -> Still:
     """Draw each feature's exposure times as a bar, and the chosen times as lines.
 
     A bar's pale part is where the feature reaches the quality by the median, its dark part where
     it does with the confidence asked. A dot says which capture serves it. Features that will fail
     are drawn in another colour, with the reason; times that the sensor cannot be set to are
     grey.
+
+    Parameters
+    ----------
+    recommendation : Recommendation
+        What to draw.
+    achieved : mapping of str to float, optional
+        The best quality that was measured of each feature when the exposures were taken; it stands
+        beside its row.
     """
+    measured = achieved or {}
     rows = _ordered(recommendation)
     failing = any(row.status != "planned" for row in rows)
     named = len(rows) <= _NAMED
@@ -45,7 +56,14 @@ def recommendation_picture(recommendation: Recommendation) -> Still:
             if low < high:
                 axes.axvspan(low, high, color=_NOT_SETTABLE, linewidth=0, zorder=0)
         for place, row in enumerate(rows):
-            _draw_row(axes, recommendation, row, place, limits, named=named)
+            _draw_row(axes, recommendation, row, place, limits, measured, named=named)
+            if row.feature in measured and named:
+                _draw_achieved(axes, place, measured[row.feature], recommendation.need)
+        if measured and named:
+            axes.text(
+                1.01, -0.95, "measured", transform=axes.get_yaxis_transform(), va="center",
+                fontsize=7.5, color=INK,
+            )  # fmt: skip
         for exposure_ms in recommendation.exposures_ms:
             axes.axvline(exposure_ms, color=INK, linewidth=1.3, zorder=3)
             axes.annotate(
@@ -110,6 +128,7 @@ def _draw_row(
     row: FeatureOutlook,
     place: int,
     limits_ms: tuple[float, float],
+    measured: Mapping[str, float],
     *,
     named: bool,
 ) -> None:
@@ -136,10 +155,19 @@ def _draw_row(
         lines = textwrap.wrap(row.reason, _REASON_WIDTH)
         if len(lines) > _REASON_LINES:
             lines = [*lines[: _REASON_LINES - 1], f"{lines[_REASON_LINES - 1]} …"]
+        left = 1.07 if row.feature in measured else 1.01
         axes.text(
-            1.01, place, "\n".join(lines), transform=axes.get_yaxis_transform(), va="center",
+            left, place, "\n".join(lines), transform=axes.get_yaxis_transform(), va="center",
             color=OUTSIDE, fontsize=6.5, linespacing=0.95,
         )  # fmt: skip
+
+
+def _draw_achieved(axes: Axes, place: int, quality: float, need: float) -> None:
+    good = quality >= need
+    axes.text(
+        1.01, place, f"{quality:.2f}", transform=axes.get_yaxis_transform(), va="center",
+        fontsize=7.5, color=_SURE if good else OUTSIDE, fontweight="normal" if good else "bold",
+    )  # fmt: skip
 
 
 def _label(recommendation: Recommendation) -> str:

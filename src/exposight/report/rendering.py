@@ -23,7 +23,7 @@ from plotly.offline import get_plotlyjs
 from exposight import __version__
 from exposight.planning import DEFAULT_MODELS
 from exposight.quantities import QUANTITIES, quantity
-from exposight.tables import NO_VALUE, count
+from exposight.tables import NO_VALUE, count, number
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _MODEL_NAME = re.compile(r"([qe])_k(\d)(?:_(plusplus|plus|star|lin))?(_s2)?")
@@ -179,6 +179,7 @@ def render_page(template: str, *, title: str, lead: str, **content: Any) -> str:
         "significant": significant, "rounded": rounded, "whole": whole, "model": model_name,
         "prose": prose, "symbol": lambda name: Markup(quantity(name).html),
         "quantity": quantity, "parameter": parameter_symbol, "unbroken": _unbroken,
+        "number": number,
     }  # fmt: skip
     sections: list[str] = []
     environment.globals |= {

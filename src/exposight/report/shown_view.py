@@ -115,18 +115,18 @@ def _fullest_view(measured: ObservationTable) -> str:
 def show_view(
     table: ObservationTable,
     *,
-    main_ms: float | None = None,
+    times_ms: Sequence[float] = (),
     campaign: CaptureSource | None = None,
 ) -> ShownView:
-    """Pick the view that measures most features, and three of its exposure times.
+    """Pick the view that measures most features, and up to three of its exposure times.
 
     Parameters
     ----------
     table : ObservationTable
         What was observed.
-    main_ms : float, optional, ms
-        The exposure time to look at first; the one with the highest mean p_norm by default. The
-        others are a shorter and a longer one.
+    times_ms : sequence of float, ms
+        The exposure times to show; by default that with the highest mean p_norm, a shorter and a
+        longer one.
     campaign : CaptureSource, optional
         Brings the view's captures.
     """
@@ -139,9 +139,9 @@ def show_view(
     for feature, *values in rows.frame.select("feature", "exposure_ms", "i_avg", "p_norm").rows():
         place = features.index(feature), np.searchsorted(times, values[0])
         i_avg[place], p_norm[place] = values[1:]
-    if main_ms is None:
-        main_ms = float(times[np.nanmean(p_norm, axis=0).argmax()])
-    shown = sorted({_nearest(times, main_ms * factor) for factor in (1 / BRACKET, 1.0, BRACKET)})
+    main = int(np.nanmean(p_norm, axis=0).argmax())
+    wanted = times_ms or [float(times[main]) * factor for factor in (1 / BRACKET, 1.0, BRACKET)]
+    shown = sorted({_nearest(times, each) for each in wanted})
     first = rows.frame.unique("feature", keep="first", maintain_order=True)
     view = ShownView(
         name=name,
@@ -152,7 +152,7 @@ def show_view(
             for pose in first.select(*_POSE).iter_rows()
         ),
         exposures_ms=tuple(times[shown].tolist()),
-        main=shown.index(_nearest(times, main_ms)),
+        main=shown.index(main) if main in shown else len(shown) // 2,
         i_avg=i_avg[:, shown],
         p_norm=p_norm[:, shown],
     )
