@@ -20,7 +20,8 @@ from exposight.errors import ExposightError, did_you_mean
 
 COMMANDS = {
     "demo": "Run the whole method once on a simulated cell.",
-    "measure": "Carry out a measuring plan with a driver.",
+    "measure": "Carry out a measuring plan or an exposure plan with a driver.",
+    "next": "Say what to capture next, one step of the closed loop.",
     "simulate": "Carry out a measuring plan in a simulated cell.",
     "sensor": "Describe a sensor from its calibration.",
     "decode": "Decode recorded stripe frames to an organised point cloud.",

@@ -14,6 +14,7 @@ from cyclopts.types import PositiveInt
 from exposight import measuring
 from exposight.cell import CampaignFolder, preset_name
 from exposight.cli.app import UsageError
+from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, carry_out_loop
 from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
@@ -72,12 +73,16 @@ def measure_command(
     driver: Literal["simulated", "replay"],
     recording: Path | None = None,
     options: RunOptions = DEFAULTS,
+    loop: LoopOptions = NO_LOOP,
 ) -> Result:
-    """Carry out a measuring plan with a driver.
+    """Carry out a measuring plan or an exposure plan with a driver.
 
     A driver takes the captures: the simulated cell, or a recorded campaign that gives back its own.
-    Run the same command again after an interruption and it goes on. Drivers of your own are used
-    from Python: exposight.measuring.measure.
+    A measuring plan is taken as it is. An exposure plan is carried out in a closed loop: features
+    that succeeded leave, what was measured corrects the forecast of the others, and what is left
+    is planned again, until nothing is left that can be had. Run the same command again after an
+    interruption and it goes on. Drivers of your own are used from Python:
+    exposight.measuring.measure.
 
     For example:
 
@@ -85,10 +90,13 @@ def measure_command(
 
         exposight measure door/plan.toml --driver replay --recording door -o again
 
+        exposight measure plan.json --models models --driver simulated --lamp 0.6 -o new
+
     Parameters
     ----------
     plan
-        Measuring plan: a TOML or YAML file (docs/formats.md), or a name from simulate --list.
+        Measuring plan: a TOML or YAML file (docs/formats.md), or a name from simulate --list. Or
+        an exposure plan, which exposight plan wrote: a JSON file.
     driver
         Who takes the captures.
     recording
@@ -96,6 +104,23 @@ def measure_command(
     """
     if (driver == "replay") != (recording is not None):
         msg = "--driver replay needs --recording, the campaign to give back; others do not take it"
+        raise UsageError(msg)
+    if Path(plan).suffix.lower() == EXPOSURE_PLAN_SUFFIX:
+        if replace(options, output=None, no_clouds=False) != DEFAULTS:
+            msg = (
+                "a closed loop takes one capture after the other and keeps its campaign: leave out "
+                "--observe, --workers and --cluster"
+            )
+            raise UsageError(msg)
+        return carry_out_loop(
+            Path(plan),
+            options.output or Path("campaign"),
+            loop,
+            recording=recording,
+            clouds=not options.no_clouds,
+        )
+    if loop != NO_LOOP:
+        msg = "a measuring plan is taken as it is; --models and the like go with an exposure plan"
         raise UsageError(msg)
     chosen = plan_from(plan)
     if recording is not None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from rich.console import Console
 from rich.progress import (
@@ -23,9 +23,6 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 from rich.text import Text
-
-if TYPE_CHECKING:  # it imports numba, which --help does not wait for
-    from exposight.workers import Progress
 
 BROKEN_PIPE = 141
 """Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""
@@ -87,8 +84,31 @@ def _plain(value: object) -> object:
     raise TypeError(msg)
 
 
+class Shown:
+    """Bars on standard error, and lines above them (`exposight.workers.Progress`)."""
+
+    def __init__(self, bars: Bars, stderr: Console) -> None:
+        self._bars, self._stderr = bars, stderr
+        self._tasks: dict[str, TaskID] = {}
+        self.last = ""
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report progress."""
+        self.last = f"{stage}, {done} of {total}" if total else stage
+        if stage not in self._tasks:
+            # What was done before does not count as speed.
+            self._tasks[stage] = self._bars.add_task(stage, completed=done, total=total or None)
+            if not self._stderr.is_terminal:
+                self._stderr.print(f"{stage} …", soft_wrap=True)
+        self._bars.update(self._tasks[stage], completed=done, total=total or None)
+
+    def line(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._stderr.print(Text(text), soft_wrap=True)
+
+
 @contextmanager
-def progress_bars(kept_in: Path | None = None) -> Iterator[Progress]:
+def progress_bars(kept_in: Path | None = None) -> Iterator[Shown]:
     """Show how far work is: bars on a terminal, elsewhere a line for each stage.
 
     Parameters
@@ -98,7 +118,7 @@ def progress_bars(kept_in: Path | None = None) -> Iterator[Progress]:
 
     Yields
     ------
-    Progress
+    Shown
         To be handed to what works.
 
     Raises
@@ -118,24 +138,12 @@ def progress_bars(kept_in: Path | None = None) -> Iterator[Progress]:
         disable=not stderr.is_terminal,
         speed_estimate_period=600.0,  # s: steps of such work may be a minute apart
     )
-    tasks: dict[str, TaskID] = {}
-    last = ""
-
-    def progress(stage: str, done: int, total: int) -> None:
-        nonlocal last
-        last = f"{stage}, {done} of {total}" if total else stage
-        if stage not in tasks:
-            # What was done before does not count as speed.
-            tasks[stage] = bars.add_task(stage, completed=done, total=total or None)
-            if not stderr.is_terminal:
-                stderr.print(f"{stage} …", soft_wrap=True)
-        bars.update(tasks[stage], completed=done, total=total or None)
-
+    shown = Shown(bars, stderr)
     try:
         with bars:
-            yield progress
+            yield shown
     except KeyboardInterrupt as error:
-        msg = "stopped by Ctrl-C" + (f" ({last})" if last else "")
+        msg = "stopped by Ctrl-C" + (f" ({shown.last})" if shown.last else "")
         if kept_in is not None and kept_in.exists():
             msg += f"; what is finished is kept in {kept_in}, and the same command goes on"
         raise KeyboardInterrupt(msg) from error

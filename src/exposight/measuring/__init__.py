@@ -1,5 +1,8 @@
 """Carry out a measuring plan on a driver: captures on disk, or observations at once."""
 
+from exposight.measuring.adaptive import LoopResult, measure_adaptively
+from exposight.measuring.decisions import Decision
+from exposight.measuring.loop_state import LoopState, LoopStep, loop_step
 from exposight.measuring.measure import (
     check_table_path,
     measure,

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import overload
 
 import polars as pl
 
@@ -18,8 +19,11 @@ from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, Capture
 from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
 from exposight.files import KeptFiles, alike, hold_writer_lock, sweep_unfinished, write_durably
 from exposight.measuring import view_work
+from exposight.measuring.adaptive import LoopResult, measure_adaptively
 from exposight.measuring.record import describe, keep_record
 from exposight.observing import ObservationTable, read_observations
+from exposight.planning import SensorModels
+from exposight.planning.exposure_plan import ExposurePlan
 from exposight.plans import MeasuringPlan, plan_to_toml
 from exposight.workers import LocalProcesses, Progress, Workers, choose_workers, ignore_progress
 
@@ -27,6 +31,7 @@ _VIEWS = "[0-9]*.csv"
 """Kept views in the folder beside a table."""
 
 
+@overload
 def measure(
     plan: MeasuringPlan,
     driver: Driver,
@@ -37,15 +42,41 @@ def measure(
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
-) -> CampaignFolder:
-    """Carry out a measuring plan and write its campaign; continue where an earlier run stopped.
+) -> CampaignFolder: ...
+@overload
+def measure(
+    plan: ExposurePlan,
+    driver: Driver,
+    folder: str | Path,
+    *,
+    models: SensorModels | None,
+    part: Part | None = None,
+    clouds: bool = True,
+    progress: Progress = ignore_progress,
+) -> LoopResult: ...
+def measure(
+    plan: MeasuringPlan | ExposurePlan,
+    driver: Driver,
+    folder: str | Path,
+    *,
+    part: Part | None = None,
+    clouds: bool = True,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress = ignore_progress,
+    **closed_loop: SensorModels | None,
+) -> CampaignFolder | LoopResult:
+    """Carry out a plan and write its campaign; continue where an earlier run stopped.
+
+    A measuring plan is taken as it is; an exposure plan in a closed loop that `models` decide,
+    which has to be named (`measure_adaptively`).
 
     More than one worker means processes that are begun afresh: a script then needs
     ``if __name__ == "__main__":`` around what it does, as Python's `multiprocessing` explains.
 
     Parameters
     ----------
-    plan : MeasuringPlan
+    plan : MeasuringPlan or ExposurePlan
         From where and for how long to measure.
     driver : Driver
         That takes the captures, with the plan's sensor.
@@ -65,10 +96,13 @@ def measure(
         them must reach the folder at the same path.
     progress : Progress
         Called with the captures that are there and those in all, first before any is taken.
+    **closed_loop
+        ``models`` of an exposure plan: `SensorModels`, or None to take it as it is.
 
     Returns
     -------
-    CampaignFolder
+    CampaignFolder or LoopResult
+        Of an exposure plan what became of its features, too.
 
     Raises
     ------
@@ -83,6 +117,25 @@ def measure(
     NumericalError
         If a worker process here died, or a cluster gave up.
     """
+    if isinstance(plan, ExposurePlan):
+        if closed_loop.keys() != {"models"} or workers != 1 or cluster is not None:
+            msg = (
+                "an exposure plan is carried out in a closed loop, one capture after the other: "
+                "give the `models` that decide, or models=None to take it as it is, and no workers"
+            )
+            raise InputError(msg)
+        return measure_adaptively(
+            plan,
+            driver,
+            folder,
+            models=closed_loop["models"],
+            part=part,
+            clouds=clouds,
+            progress=progress,
+        )
+    if closed_loop:
+        msg = f"a measuring plan is taken as it is; leave out {', '.join(closed_loop)}"
+        raise InputError(msg)
     folder = Path(folder).resolve()  # workers may be elsewhere
     job = _Job(plan, driver, part, clouds, workers, cluster, progress)
     numbers = job.numbers
@@ -114,7 +167,7 @@ def measure(
         writer.sweep()  # a cluster's worker may have died over a capture that another took
         campaign = CampaignFolder(folder)
         if not clouds:
-            _write_table(campaign)
+            view_work.write_table(campaign)
     return campaign
 
 
@@ -330,16 +383,3 @@ def _captures_there(
             raise InputError(msg)
         there.add(wanted)
     return frozenset(there)
-
-
-def _write_table(campaign: CampaignFolder) -> None:
-    """Write the observations of a campaign's captures, which lie beside them, as one table."""
-    rows: dict[bytes, list[bytes]] = {}
-    for number in campaign.numbers:
-        header, _, body = campaign.attachments(number)[view_work.OBSERVATIONS_FILE].partition(b"\n")
-        rows.setdefault(header, []).append(body)
-    tables = [header + b"\n" + b"".join(bodies) for header, bodies in rows.items()]
-    if len(tables) > 1:  # an earlier version, which knew fewer columns, began it
-        frames = [pl.read_csv(table, infer_schema=False) for table in tables]
-        tables = [pl.concat(frames, how="diagonal").write_csv().encode()]
-    write_durably(campaign.path / view_work.OBSERVATIONS_FILE, tables[0] if tables else b"\n")

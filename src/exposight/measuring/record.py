@@ -14,9 +14,12 @@ from typing import Any
 from exposight.cell import Driver
 from exposight.errors import FileError, InputError
 from exposight.files import Checksum, DocumentFormat, sha256_of, write_durably
+from exposight.planning import SensorModels
+from exposight.planning.exposure_plan import ExposurePlan, write_exposure_plan
 from exposight.plans import MeasuringPlan, plan_to_toml, read_plan, write_plan
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "measurement.json"
+EXPOSURE_PLAN_FILE, LOOP_FILE = "exposure-plan.json", "closed-loop.json"
 
 _SIMULATION_FILE = "simulation.json"
 """Record of versions before 0.2, in which only simulations were recorded."""
@@ -32,6 +35,19 @@ class _Record:
 
 
 _FORMAT = DocumentFormat("exposight measurement", 1, _Record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LoopRecord:
+    """What ``closed-loop.json`` says."""
+
+    plan_sha256: Checksum
+    models: dict[str, Checksum] | None
+    driver: dict[str, Any]
+    clouds: bool
+
+
+_LOOP_FORMAT = DocumentFormat("exposight closed loop", 1, _LoopRecord)
 
 
 def describe(driver: Driver) -> dict[str, Any]:
@@ -111,6 +127,67 @@ def keep_record(
     return sha256_of(content)
 
 
+def keep_loop_record(
+    folder: Path,
+    *,
+    plan: ExposurePlan,
+    models: SensorModels | None,
+    description: dict[str, Any],
+    clouds: bool,
+    n_captures: int,
+) -> None:
+    """Record a closed loop in the folder that it fills, or check that it is the one on record.
+
+    Parameters
+    ----------
+    folder : Path
+        Locked by this process.
+    plan : ExposurePlan
+        Where the loop begins.
+    models : SensorModels, optional
+        That decide; None where the plan is taken as it is.
+    description : dict
+        Of the driver (`describe`).
+    clouds : bool
+        Whether clouds are kept.
+    n_captures : int
+        How many captures are there already; the first of them makes the record binding.
+
+    Raises
+    ------
+    InputError
+        If the captures there come from another plan, other models or another driver.
+    FileError
+        If the record is damaged, or the disk refuses.
+    """
+    path = folder / LOOP_FILE
+    if n_captures == 0:
+        write_exposure_plan(folder / EXPOSURE_PLAN_FILE, plan)
+    record = _LoopRecord(
+        plan_sha256=sha256_of(plan.to_json().encode()),
+        models=models.checksums if models else None,
+        driver=description,
+        clouds=clouds,
+    )
+    if n_captures == 0:
+        write_durably(path, _LOOP_FORMAT.seal(record))
+        return
+    if not path.is_file():
+        by_what = "a measuring plan" if (folder / RECORD_FILE).is_file() else "something else"
+        msg = (
+            f"the campaign in {folder} has {n_captures} captures that {by_what} measured, not an "
+            "exposure plan; choose another folder"
+        )
+        raise InputError(msg)
+    difference = _loop_difference(_LOOP_FORMAT.unseal(path.read_bytes(), str(path)), record)
+    if difference:
+        msg = (
+            f"the campaign in {folder} was measured with {difference}; go on with that, or choose "
+            "another folder"
+        )
+        raise InputError(msg)
+
+
 def check_record(folder: Path, sha256: str) -> None:
     """Check, in a worker process, that a folder is the one where the measurement is on record.
 
@@ -149,7 +226,12 @@ def recorded_driver(campaign: Path) -> str | None:
     FileError
         If the record is damaged.
     """
-    path = Path(campaign) / RECORD_FILE
+    path = Path(campaign) / LOOP_FILE
+    if path.is_file():
+        return str(
+            _LOOP_FORMAT.unseal(path.read_bytes(), str(path)).driver.get("driver", "unnamed")
+        )
+    path = path.with_name(RECORD_FILE)
     if path.is_file():
         return str(_FORMAT.unseal(path.read_bytes(), str(path)).driver.get("driver", "unnamed"))
     return "simulated cell" if path.with_name(_SIMULATION_FILE).is_file() else None
@@ -175,3 +257,18 @@ def _difference(known: _Record, wanted: _Record, folder: Path, plan: MeasuringPl
 def _plan_sha256(plan: MeasuringPlan) -> str:
     # Without what only the simulated cell reads: its description says what came of it.
     return sha256_of(plan_to_toml(replace(plan, simulated={})).encode())
+
+
+def _loop_difference(known: _LoopRecord, wanted: _LoopRecord) -> str:
+    if known.plan_sha256 != wanted.plan_sha256:
+        return "another exposure plan"
+    if known.models != wanted.models:
+        if known.models is None or wanted.models is None:
+            return "corrections by models" if known.models else "the plan as it is"
+        return "other models"
+    facts = differing(known.driver, wanted.driver)
+    if facts:
+        return f"another driver or other settings of it, differing in {facts}"
+    if known.clouds != wanted.clouds:
+        return "clouds kept, not without" if known.clouds else "no clouds kept, not with them"
+    return ""

@@ -7,8 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from exposight.cell import ActiveSensor, Capture, Driver, Part, write_numbered_capture
+import polars as pl
+
+from exposight.cell import (
+    ActiveSensor,
+    CampaignFolder,
+    Capture,
+    Driver,
+    Part,
+    write_numbered_capture,
+)
 from exposight.errors import ExposightError, InputError, SensorError
+from exposight.files import write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.record import check_record, describe, differing
 from exposight.observing import Observation, ObservationTable, Observer
@@ -101,6 +111,19 @@ def observe_view(task: ViewTask) -> list[Observation]:
         with _naming(task, exposure_ms):
             rows += observer.observe(_capture(task, exposure_ms))
     return rows
+
+
+def write_table(campaign: CampaignFolder) -> None:
+    """Write the observations of a campaign's captures, which lie beside them, as one table."""
+    rows: dict[bytes, list[bytes]] = {}
+    for number in campaign.numbers:
+        header, _, body = campaign.attachments(number)[OBSERVATIONS_FILE].partition(b"\n")
+        rows.setdefault(header, []).append(body)
+    tables = [header + b"\n" + b"".join(bodies) for header, bodies in rows.items()]
+    if len(tables) > 1:  # an earlier version, which knew fewer columns, began it
+        frames = [pl.read_csv(table, infer_schema=False) for table in tables]
+        tables = [pl.concat(frames, how="diagonal").write_csv().encode()]
+    write_durably(campaign.path / OBSERVATIONS_FILE, tables[0] if tables else b"\n")
 
 
 def same_exposure(task_ms: float, taken_ms: float, increment_ms: float) -> bool:

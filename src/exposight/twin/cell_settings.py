@@ -238,8 +238,14 @@ class SimulatedCellSettings:
         ImageError, FileError
             If there is no such sequence.
         """
-        folder, source = folder or Path(), f"plan {plan.name!r}, [simulated]"
-        table = dict(plan.simulated)
+        return cls.of_table(plan.simulated, folder, f"plan {plan.name!r}, [simulated]")
+
+    @classmethod
+    def of_table(
+        cls, values: Mapping[str, Any], folder: Path | None, source: str
+    ) -> SimulatedCellSettings:
+        """Return the settings in a table ``[simulated]``; as `of_plan`, `source` names it."""
+        folder, table = folder or Path(), dict(values)
         _move_sensor_keys(table)
         settings = validate(cls, table, source)
         if settings.scene is not None:

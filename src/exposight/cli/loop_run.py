@@ -1,0 +1,194 @@
+"""An exposure plan carried out by a driver, as ``exposight measure`` is told."""
+
+import tomllib
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from shlex import quote
+from typing import Annotated, Any
+
+import polars as pl
+from cyclopts import Group, Parameter
+from cyclopts.validators import Number
+
+from exposight.cell import CampaignFolder, Driver, sensor_named_or_read
+from exposight.cli.app import UsageError
+from exposight.cli.merge import merge_command
+from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
+from exposight.drivers import ReplayDriver
+from exposight.errors import FormatError, SensorError
+from exposight.files import read_text
+from exposight.measuring import measure_adaptively
+from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
+from exposight.planning import SensorModels
+from exposight.planning.exposure_plan import ExposurePlan, read_exposure_plan
+from exposight.tables import Table, number
+from exposight.twin import SimulatedCell, SimulatedCellSettings
+
+EXPOSURE_PLAN_SUFFIX = ".json"
+"""Measuring plans are TOML and YAML."""
+
+
+@Parameter("*", group=Group("With an exposure plan", sort_key=3))
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """Who decides in a closed loop, and what the simulated cell is like.
+
+    Parameters
+    ----------
+    models
+        Models that correct the plan by what captures show: quality.exposight-model, two model
+        files, or the folder that holds them.
+    open_loop
+        Take the plan's captures as they are, without corrections.
+    cell
+        Settings of the simulated cell, TOML: the keys of a measuring plan's table [simulated]
+        (docs/formats.md).
+    finish
+        Finish of the simulated part: bare, primer, paint, brushed, or one that --cell describes.
+    lamp
+        Power of the simulated projector's lamp as a share of the nominal one.
+    merge
+        Merge each view's captures afterwards (exposight merge) into this folder's campaign.
+    rings_only
+        Simulate only the neighbourhoods of the features' rings, in a fraction of the time.
+    """
+
+    models: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = ()
+    open_loop: bool = False
+    cell: Path | None = None
+    finish: str | None = None
+    lamp: Annotated[float | None, Parameter(metavar="SHARE", validator=Number(gt=0))] = None
+    rings_only: bool = False
+    merge: Annotated[Path | None, Parameter(metavar="FOLDER")] = None
+
+    @property
+    def simulated(self) -> dict[str, Any]:
+        """Settings of the simulated cell, as a plan's table has them."""
+        table = {} if self.cell is None else dict(_read_toml(self.cell))
+        given = {"finish": self.finish, "lamp": self.lamp, "rings_only": self.rings_only}
+        return {**table, **{name: value for name, value in given.items() if value}}
+
+
+NO_LOOP = LoopOptions()
+
+
+def carry_out_loop(
+    path: Path,
+    output: Path,
+    loop: LoopOptions,
+    *,
+    recording: Path | None,
+    clouds: bool,
+) -> Result:
+    """Carry out the exposure plan in a file, and return what became of its features.
+
+    Parameters
+    ----------
+    path : Path
+        The exposure plan.
+    output : Path
+        Folder of the campaign.
+    loop : LoopOptions
+        Who decides.
+    recording : Path or None
+        The campaign that is replayed; None for the simulated cell.
+    clouds : bool
+        Whether clouds are kept.
+    """
+    if loop.open_loop == bool(loop.models):
+        msg = "give --models, which correct the plan, or --open-loop to take it as it is"
+        raise UsageError(msg)
+    if recording is not None and loop.simulated:
+        msg = "--cell, --finish, --lamp and --rings-only are of the simulated cell, not of a replay"
+        raise UsageError(msg)
+    if loop.merge is not None and (not clouds or loop.merge.exists()):
+        msg = (
+            "--merge makes a new campaign of clouds: leave out --no-clouds, and name a folder that "
+            f"is not there yet, got {loop.merge}"
+        )
+        raise UsageError(msg)
+    plan = read_exposure_plan(path)
+    models = SensorModels.load(*loop.models) if loop.models else None
+    before = len(CampaignFolder(output)) if (output / "campaign.json").is_file() else 0
+    files = [
+        Written.at(output, "campaign"),
+        Written.at(output / DECISIONS_FILE, "decisions"),
+        Written.at(output / OUTCOMES_FILE, "outcomes"),
+    ]
+    with progress_bars(kept_in=output) as progress:
+        driver: Driver = (
+            _simulated_cell(plan, models, loop) if recording is None else ReplayDriver(recording)
+        )
+        result = measure_adaptively(
+            plan,
+            driver,
+            output,
+            models=models,
+            clouds=clouds,
+            progress=progress,
+            tell=lambda decision: progress.line(str(decision)),
+        )
+    n_features, n_had = len(result.outcomes), len(result.succeeded)
+    promised = plan.promise.expected_covered
+    told = Result(
+        title=result.verdict,
+        facts=(
+            fact("sensor", plan.sensor),
+            fact("captures", len(result.decisions)),
+            fact("captures_before", before, number(before) if before else ""),
+            fact("features", n_features, ""),
+            fact("promised", promised, f"{number(promised, 3)} of {n_features}"),
+            fact("achieved", n_had, f"{n_had} of {n_features}"),
+            fact("succeeded", result.succeeded, ""),
+            fact("failed", result.failed, ""),
+        ),
+        tables=(
+            result.table,
+            Table(name="decisions", frame=pl.DataFrame(result.decisions), columns=(), shown_rows=0),
+        ),
+        files=tuple(files),
+        next_step=f"report {quote(str(output))}",
+    )
+    if loop.merge is None:
+        return told
+    if max(Counter(each.view for each in result.decisions).values(), default=0) < 2:
+        note = "no view has several captures, so nothing was merged"
+        return replace(told, notes=(*told.notes, note))
+    merged = merge_command(output, output=loop.merge)
+    return replace(
+        told,
+        facts=(*told.facts, fact("merged", merged.title)),
+        tables=(*told.tables, *merged.tables[:-1]),
+        notes=(*told.notes, *merged.notes),
+        files=(*told.files, *merged.files),
+    )
+
+
+def _simulated_cell(
+    plan: ExposurePlan, models: SensorModels | None, loop: LoopOptions
+) -> SimulatedCell:
+    """Return the simulated cell with the plan's sensor, round whose features it is traced."""
+    sensor = None if models is None else models.sensor
+    if sensor is None or sensor.name != plan.sensor:
+        try:
+            sensor = sensor_named_or_read(plan.sensor)
+        except SensorError as error:
+            msg = (
+                f"nobody describes the plan's sensor {plan.sensor!r}: give --models that were "
+                "trained on it (exposight train --sensor)"
+            )
+            raise SensorError(msg) from error
+    folder = None if loop.cell is None else loop.cell.parent
+    settings = SimulatedCellSettings.of_table(loop.simulated, folder, str(loop.cell or "options"))
+    return SimulatedCell(sensor, settings, features=[each.feature for each in plan.features])
+
+
+def _read_toml(path: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(read_text(path, "file of the simulated cell's settings"))
+    except tomllib.TOMLDecodeError as error:
+        msg = f"{path} is not TOML: {error}"
+        raise FormatError(msg) from error

@@ -1,0 +1,285 @@
+"""The closed loop one step at a time over files, for programs that take captures themselves.
+
+A state holds the plan and every capture's observations as they were fed. It is one file, which is
+replaced as a whole: whatever happens, the old or the new one is there, and feeding a capture again
+does no harm. The models stay in their files, whose checksums the state knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from exposight.cell import ActiveSensor, CampaignFolder, Part
+from exposight.cell.capture import read_capture
+from exposight.cell.feature_files import features_from_csv, features_to_csv
+from exposight.errors import FileError, InputError, SensorError, did_you_mean
+from exposight.files import (
+    Checksum,
+    DocumentFormat,
+    hold_writer_lock,
+    read_bytes,
+    sha256_of,
+    write_durably,
+)
+from exposight.measuring.adaptive import observed_part, planned_loop, view_poses
+from exposight.measuring.decisions import Decision, Loop, feed, pose_remark, verdict
+from exposight.observing import ObservationTable, Observer, parse_observations, read_observations
+from exposight.planning import SensorModels
+from exposight.planning.closed_loop import Request
+from exposight.planning.exposure_plan import ExposurePlan, parse_exposure_plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class FedCapture:
+    """A capture that a state was fed.
+
+    Parameters
+    ----------
+    view : str
+    exposure_ms : float, ms
+        As read back.
+    observations : str
+        An observation table, CSV.
+    remark : str
+        What is odd about it.
+    sha256 : str
+        Checksum of the capture's own description, by which it is known again; empty of a table's.
+    """
+
+    view: str
+    exposure_ms: float
+    observations: str
+    remark: str = ""
+    sha256: str = ""
+
+    @property
+    def rows(self) -> ObservationTable:
+        """Its observations."""
+        source = f"observations of view {self.view!r} at {self.exposure_ms:g} ms"
+        return parse_observations(self.observations.encode(), source)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopState:
+    """Where a closed loop is, as its file says.
+
+    Parameters
+    ----------
+    plan : str
+        The exposure plan, a JSON document.
+    sensor : str
+        The sensor, a JSON document.
+    part : str
+        Name of the part.
+    features : str
+        The plan's features of the part, CSV.
+    models : tuple of str
+        Paths of the models, absolute.
+    models_sha256 : mapping of str to str
+        Checksum of each model's file by the model's name.
+    captures : tuple of FedCapture
+        What was fed, in its order.
+    """
+
+    plan: str
+    sensor: str
+    part: str
+    features: str
+    models: tuple[str, ...]
+    models_sha256: dict[str, Checksum]
+    captures: tuple[FedCapture, ...] = field(default=())
+
+    @classmethod
+    def begin(
+        cls, plan: ExposurePlan, models: Sequence[Path], *, part: Part, sensor: ActiveSensor
+    ) -> LoopState:
+        """Return the state of a loop that begins with a plan.
+
+        Raises
+        ------
+        SensorError
+            If the plan is for another sensor.
+        InputError, FileError
+            If the part lacks a feature, or the models cannot be read.
+        """
+        if sensor.name != plan.sensor:
+            msg = f"the plan is for sensor {plan.sensor!r}, got {sensor.name!r}"
+            raise SensorError(msg)
+        view_poses(plan)
+        observed = observed_part(plan, part)
+        return cls(
+            plan=plan.to_json(),
+            sensor=sensor.to_json(),
+            part=observed.name,
+            features=features_to_csv(observed.features),
+            models=tuple(str(path.resolve()) for path in models),
+            models_sha256=SensorModels.load(*models).checksums,
+        )
+
+
+_FORMAT = DocumentFormat("exposight loop state", 1, LoopState)
+
+
+@contextmanager
+def loop_step(path: Path) -> Iterator[LoopStep | None]:
+    """Open a state for one step, for one process at a time; None where it is to begin.
+
+    Raises
+    ------
+    FileError
+        If another process has it open, or it is damaged.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        msg = f"{path}: the folder {path.parent} does not exist; make it first"
+        raise FileError(msg)
+    lock = hold_writer_lock(path.parent, f"the state {path.name}", f"{path.name}.lock")
+    try:
+        if path.is_file():
+            state = _FORMAT.unseal(read_bytes(path, "state of a loop"), str(path))
+            yield LoopStep(path, state)
+        else:
+            yield None
+    finally:
+        lock.release()
+
+
+class LoopStep:
+    """A loop at the state of a file; what is fed is in the file after `save`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    state : LoopState
+
+    Raises
+    ------
+    FileError
+        If the models are not those that the loop began with.
+    """
+
+    def __init__(self, path: Path, state: LoopState) -> None:
+        self._path, self.state = path, state
+        self.plan = parse_exposure_plan(state.plan, str(path))
+        self.sensor = ActiveSensor.from_json(state.sensor, source=str(path))
+        self.part = Part(name=state.part, features=features_from_csv(state.features, path))
+        models = SensorModels.load(*state.models)
+        if models.checksums != state.models_sha256:
+            msg = (
+                f"{path} began with other models than those that now lie at "
+                f"{', '.join(state.models)}; put those back, or begin another state"
+            )
+            raise FileError(msg)
+        self.loop: Loop = planned_loop(self.plan, models, self.part, self.sensor)
+        self.decisions: list[Decision] = []
+        for capture in state.captures:
+            self._feed(capture)
+
+    def request(self) -> Request | None:
+        """Return what to capture next; None where nothing is left that can be had."""
+        return self.loop.next()
+
+    @property
+    def verdict(self) -> str:
+        """How many features succeeded of how many that were promised, and which failed."""
+        promised = self.plan.promise.expected_covered
+        return verdict(self.loop.outcomes, len(self.decisions), promised)
+
+    def feed(self, path: Path) -> list[Decision]:
+        """Take note of captures, one after the other; those that were fed before are left out.
+
+        Parameters
+        ----------
+        path : Path
+            A campaign's folder, a capture's folder, or an observation table, .csv or .parquet.
+
+        Raises
+        ------
+        InputError
+            If the plan has no such view, another capture of this view and exposure time was fed
+            before, or there is no row of the plan's features.
+        SensorError, ImageError, CloudError
+            If a capture cannot be this sensor's.
+        FileError
+            If it cannot be read.
+        """
+        if (path / "campaign.json").is_file():
+            campaign = CampaignFolder(path)
+            if campaign.sensor.name != self.sensor.name:
+                msg = (
+                    f"{path} is of sensor {campaign.sensor.name!r}, the loop is of "
+                    f"{self.sensor.name!r}; give captures of that one"
+                )
+                raise SensorError(msg)
+            folders = [path / "captures" / f"{number:06d}" for number in campaign.numbers]
+        elif path.is_dir():
+            folders = [path]
+        else:
+            return self._feed_table(read_observations(path))
+        return [decision for each in folders if (decision := self._feed_folder(each))]
+
+    def _feed_folder(self, folder: Path) -> Decision | None:
+        description = read_bytes(folder / "capture.json", "capture")
+        sha256 = sha256_of(description)
+        if any(each.sha256 == sha256 for each in self.state.captures):
+            return None
+        capture = read_capture(folder)
+        self._check_view(capture.view)
+        capture.check_fits(self.sensor)
+        rows = Observer(self.part, self.sensor).observe(capture)
+        request, pose = self.loop.next(), capture.camera_from_part
+        remark = pose_remark(self.part, request, capture.view, pose)
+        return self._add(ObservationTable.from_observations(rows), remark=remark, sha256=sha256)
+
+    def _feed_table(self, table: ObservationTable) -> list[Decision]:
+        names = [feature.name for feature in self.part.features]
+        table = table.where(table.frame["feature"].is_in(names))
+        if len(table) == 0:
+            msg = f"the table has no row of the plan's features, which are {', '.join(names)}"
+            raise InputError(msg)
+        captures = table.frame.partition_by("view", "exposure_ms", maintain_order=True)
+        added = [self._add(ObservationTable(frame=frame, checked=True)) for frame in captures]
+        return [decision for decision in added if decision is not None]
+
+    def save(self) -> None:
+        """Write the state to its file, durably."""
+        write_durably(self._path, _FORMAT.seal(self.state))
+
+    def _check_view(self, view: str) -> None:
+        views = [each.name for each in self.plan.views]
+        if view not in views:
+            msg = f"the plan has no view {view!r}{did_you_mean(view, views)}"
+            raise InputError(msg)
+
+    def _add(self, table: ObservationTable, **facts: str) -> Decision | None:
+        """Take note of a capture's observations, unless they were fed before."""
+        view, exposure_ms = str(table.frame["view"][0]), float(table.frame["exposure_ms"][0])
+        self._check_view(view)
+        for known in self.state.captures:
+            if (known.view, known.exposure_ms) != (view, exposure_ms):
+                continue
+            if _p_norm(known.rows) == _p_norm(table):
+                return None
+            msg = (
+                f"another capture of view {view!r} at {exposure_ms:g} ms was fed before; captures "
+                "are known by view and exposure time: give the view's first one only"
+            )
+            raise InputError(msg)
+        capture = FedCapture(
+            view=view, exposure_ms=exposure_ms, observations=table.frame.write_csv(), **facts
+        )
+        self.state = replace(self.state, captures=(*self.state.captures, capture))
+        return self._feed(capture)
+
+    def _feed(self, capture: FedCapture) -> Decision:
+        request, number = self.loop.next(), len(self.decisions)
+        self.decisions.append(feed(self.loop, number, capture.rows, request, capture.remark))
+        return self.decisions[-1]
+
+
+def _p_norm(table: ObservationTable) -> dict[str, float | None]:
+    return dict(table.frame.select("feature", "p_norm").iter_rows())
