@@ -33,6 +33,7 @@ COMMANDS = {
     "predict": "Predict quality or exposure time from poses.",
     "forecast": "Forecast the quality of every visible feature over exposure time.",
     "recommend": "Recommend the exposures of a view, and name the features that will fail.",
+    "plan": "Plan which exposures to take in which views of a part.",
     "compare": "Compare ways to choose exposure times on views whose every outcome is known.",
     "propose": "Name the capture that would tell most of what is to be measured.",
     "report": "Write a page about a campaign and models.",

@@ -126,5 +126,6 @@ def auto_candidate_views(
         frame=pl.concat(frames, how="diagonal_relaxed"),
         sensor=sensor,
         poses={name: (AUTO, pose) for name, pose in found.poses.items()},
+        hidden=found.unreachable,
     )
     return candidates, found.notes

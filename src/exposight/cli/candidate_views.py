@@ -1,5 +1,6 @@
 """Views that could be captured, as commands are told them: by a plan, a campaign or a table."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -40,6 +41,8 @@ class CandidateViews:
         Group and camera_from_part of each view.
     plan : MeasuringPlan, optional
         That they belong to.
+    hidden : mapping of str to str
+        Features that no view sees, and why, where that is known.
     """
 
     source: str
@@ -47,6 +50,7 @@ class CandidateViews:
     sensor: ActiveSensor | None = None
     poses: Mapping[str, tuple[str, RigidTransform]] = field(default_factory=dict)
     plan: MeasuringPlan | None = None
+    hidden: Mapping[str, str] = field(default_factory=dict)
 
     def without(self, views: Iterable[str]) -> "CandidateViews":
         """Leave views out.
@@ -151,12 +155,14 @@ def _of_campaign(path: Path) -> CandidateViews:
         else (name, pose)
         for name, pose in places.items()
     }
+    rings, hidden = _rings(part, campaign.sensor, places)
     return CandidateViews(
         source=str(path),
-        frame=_rings(part, campaign.sensor, places),
+        frame=rings,
         sensor=campaign.sensor,
         poses=poses,
         plan=plan,
+        hidden=hidden,
     )
 
 
@@ -179,7 +185,7 @@ def _of_plan(source: str, features: Path | None) -> CandidateViews:
         msg = f"{error}; give the list of the part's features by --features"
         raise FeatureError(msg) from error
     places = {view.name: view.camera_from_part for view in views}
-    rings = _rings(plan.observed_part(part), plan.sensor, places)
+    rings, hidden = _rings(plan.observed_part(part), plan.sensor, places)
     if features is not None:  # such a file does not tell the part's name, by which models know it
         rings = rings.with_columns(part=pl.lit(None, pl.String))
     return CandidateViews(
@@ -188,12 +194,25 @@ def _of_plan(source: str, features: Path | None) -> CandidateViews:
         sensor=plan.sensor,
         poses={view.name: (view.group, view.camera_from_part) for view in views},
         plan=replace(plan, simulated=simulated),
+        hidden=hidden,
     )
 
 
-def _rings(part: Part, sensor: ActiveSensor, places: Mapping[str, RigidTransform]) -> pl.DataFrame:
-    frames = [View.of(part, sensor, pose, name=name).frame for name, pose in places.items()]
-    return pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
+def _rings(
+    part: Part, sensor: ActiveSensor, places: Mapping[str, RigidTransform]
+) -> tuple[pl.DataFrame, dict[str, str]]:
+    """Return the rings that views see, and which features none sees, with what is in the way."""
+    views = [View.of(part, sensor, pose, name=name) for name, pose in places.items()]
+    frames = [view.frame for view in views]
+    rings = pl.concat(frames, how="diagonal_relaxed") if frames else pl.DataFrame()
+    visible = {each.feature.name for view in views for each in view.visible}
+    reasons: dict[str, Counter[str]] = {}
+    for view in views:
+        for each in view.features:
+            if each.feature.name not in visible:
+                counts = reasons.setdefault(each.feature.name, Counter())
+                counts[each.visibility.value] += 1
+    return rings, {name: counts.most_common(1)[0][0] for name, counts in reasons.items()}
 
 
 def settable_exposures(given: Sequence[str], sensor: ActiveSensor | None) -> tuple[float, ...]:
