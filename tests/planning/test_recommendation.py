@@ -9,8 +9,9 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from exposight.errors import InputError
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.outlook import targets_of
 from exposight.planning.path_search import cheapest_captures, fewest_captures
-from exposight.planning.recommendation import recommend, targets_of
+from exposight.planning.recommendation import recommend
 
 LIMITS = ExposureLimits(name="any", min_ms=1.0, max_ms=1000.0, increment_ms=0.5)
 COSTS = CaptureCosts(frames=12, overhead_ms=500.0)

@@ -15,27 +15,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Part
-from exposight.compiled import njit
 from exposight.errors import InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.observing import ObservationTable, View
 from exposight.planning.beliefs import Belief, belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import ExposureLimits
+from exposight.planning.lookahead import DRAWS, after_misses, captures_left, served_in_draws
+from exposight.planning.loop_report import LoopReport, Outcome, OutcomeStatus, Request
 from exposight.planning.sensor_models import SensorModels
-from exposight.tables import Column, Table, counted, number
+from exposight.tables import counted, number
 
 FloatArray: TypeAlias = NDArray[np.float64]
-BoolArray: TypeAlias = NDArray[np.bool_]
-
-OutcomeStatus = Literal["had", "open", "given up", "not seen"]
 
 WORTH_A_CAPTURE = 0.05
 """Least chance for which another capture is taken."""
@@ -43,77 +41,7 @@ WORTH_A_CAPTURE = 0.05
 MOST_TRIES = 5
 """Captures of a view that a feature may miss while its window is looked for."""
 
-_DRAWS = 256
-_SCENARIOS = 64
-_FEWEST_DRAWS = 8
-"""So many draws must agree with what a feature missed; otherwise its window lies elsewhere."""
-
-_ELSEWHERE = 0.6
-"""Standard deviation of ln exposure time about a window that was not where it was expected."""
-
 _SETTINGS = 96
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """The capture to take next.
-
-    Parameters
-    ----------
-    view : str
-    exposure_ms : float, ms
-        Exposure time, a setting of the sensor.
-    set_value, set_unit : float, str
-        The same as the sensor is set to it.
-    camera_from_part : RigidTransform or None
-        Where the part shall stand; None where views are known by name alone.
-    features : tuple of str
-        Features of the view that are still to be had, those likely from this capture first.
-    expected : float
-        How many of them to expect from it.
-    why : str
-        The decision in a line.
-    """
-
-    view: str
-    exposure_ms: float
-    set_value: float
-    set_unit: str
-    camera_from_part: RigidTransform | None
-    features: tuple[str, ...]
-    expected: float
-    why: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """What became of a feature.
-
-    Parameters
-    ----------
-    feature : str
-    status : {"had", "open", "given up", "not seen"}
-        It reached the quality; is yet to be had; cannot be had; or no view sees it.
-    p_norm : float or None
-        The best that was measured.
-    view, exposure_ms : str or None, float or None
-        The capture that gave it.
-    tries : int
-        Captures that saw it until it was had.
-    promised : float or None
-        Chance that was forecast for the capture that it was had by, or first tried by.
-    reason : str
-        Why it is not had; empty where it is.
-    """
-
-    feature: str
-    status: OutcomeStatus
-    p_norm: float | None = None
-    view: str | None = None
-    exposure_ms: float | None = None
-    tries: int = 0
-    promised: float | None = None
-    reason: str = ""
 
 
 @dataclass(kw_only=True)
@@ -296,13 +224,15 @@ class ClosedLoop:
         ]
         chances = self._belief.chances(view, [*wanted, *others], _SETTINGS)
         fresh = ~np.isclose(chances.settings_ms[:, None], taken, rtol=1e-6).any(axis=1)
-        served = self._draws(view, chances)
-        if served is None:
-            chance = self._after_misses(view, chances)
-            scenarios = None
+        missed = [self._missed.get((name, view), []) for name in chances.features]
+        rng = np.random.default_rng(self._captures)
+        windows = self._belief.windows(view, chances.features, DRAWS, rng)
+        served = None
+        if windows is None:
+            chance = after_misses(chances.chance, chances.settings_ms, missed)
         else:
+            served = served_in_draws(windows, chances.settings_ms, missed, rng)
             chance = served.mean(axis=0)
-            scenarios = served[:_SCENARIOS]
         n = len(wanted)
         worth = chance[:n, fresh].max(axis=1, initial=0.0) >= WORTH_A_CAPTURE
         tired = np.array([len(self._missed.get((name, view), ())) >= MOST_TRIES for name in wanted])
@@ -312,10 +242,7 @@ class ClosedLoop:
         if not len(keep):
             return None
         expected = chance[keep].sum(axis=0)
-        if scenarios is None:
-            cost = -expected
-        else:
-            cost = 1.0 + _captures_left(np.ascontiguousarray(scenarios[:, keep]))
+        cost = -expected if served is None else 1.0 + captures_left(served[:, keep])
         cost = np.where(fresh & (expected >= WORTH_A_CAPTURE), cost, np.inf)
         near = cost <= cost.min() + 1e-9
         extra = chance[n:].sum(axis=0)
@@ -323,44 +250,6 @@ class ClosedLoop:
         alike = np.flatnonzero(score >= score.max() - 1e-3)
         place = int(alike[len(alike) // 2])
         return self._request_of(view, chances, chance, place, [int(i) for i in keep])
-
-    def _draws(self, view: str, chances: CaptureChances) -> BoolArray | None:
-        """Return in which of jointly drawn cells each setting serves each feature, (d, n, m).
-
-        Draws that contradict what a feature missed are replaced; None of models without windows.
-        """
-        rng = np.random.default_rng(self._captures)
-        windows = self._belief.windows(view, chances.features, _DRAWS, rng)
-        if windows is None:
-            return None
-        settings = chances.settings_ms
-        served = _within(windows, settings)
-        for i, name in enumerate(chances.features):
-            missed = self._missed.get((name, view), [])
-            if not missed:
-                continue
-            agrees = ~_within(windows[:, i : i + 1], np.array(missed)).any(axis=(1, 2))
-            agrees &= np.isfinite(windows[:, i, 0])
-            kept = np.flatnonzero(agrees)
-            if len(kept) < _FEWEST_DRAWS:
-                moved = windows[:, i] * np.exp(_ELSEWHERE * rng.standard_normal((_DRAWS, 1)))
-                elsewhere = ~_within(moved[:, None], np.array(missed)).any(axis=(1, 2))
-                share = 0.5 ** len(missed)  # that it can be had at all
-                again = _within(moved[:, None], settings)[:, 0]
-                served[:, i] = again & (elsewhere & (rng.random(_DRAWS) < share))[:, None]
-            else:
-                chosen = np.where(agrees, np.arange(_DRAWS), rng.choice(kept, _DRAWS))
-                served[:, i] = served[chosen, i]
-        return served
-
-    def _after_misses(self, view: str, chances: CaptureChances) -> FloatArray:
-        """Return each capture's chance, less what was missed already, (n, m)."""
-        out = chances.chance.copy()
-        for i, name in enumerate(chances.features):
-            for missed in self._missed.get((name, view), ()):
-                far = np.abs(np.log(chances.settings_ms / missed))
-                out[i] *= np.clip(far / _ELSEWHERE, 0.0, 1.0)
-        return out
 
     def _request_of(
         self,
@@ -507,51 +396,9 @@ class ClosedLoop:
         return self._captures
 
     @property
-    def verdict(self) -> str:
-        """What was had, in a sentence."""
-        outcomes = self.outcomes
-        had = sum(each.status == "had" for each in outcomes)
-        return (
-            f"{had} of {counted(len(outcomes), 'feature')} had with "
-            f"{counted(self._captures, 'capture')}"
-        )
-
-    @property
-    def frame(self) -> pl.DataFrame:
-        """A row for each feature, columns as in `Outcome`."""
-        schema = {
-            "feature": pl.String,
-            "status": pl.String,
-            "p_norm": pl.Float64,
-            "view": pl.String,
-            "exposure_ms": pl.Float64,
-            "tries": pl.Int64,
-            "promised": pl.Float64,
-            "reason": pl.String,
-        }
-        rows = [vars(each) for each in self.outcomes]
-        return pl.DataFrame(rows, schema=schema, orient="row")
-
-    @property
-    def table(self) -> Table:
-        """The features, those that are not had first."""
-        frame = self.frame.with_columns((pl.col("status") == "had").alias("_had"))
-        columns = (
-            Column(name="feature"),
-            Column(name="status"),
-            Column(name="p_norm", decimals=2),
-            Column(name="view"),
-            Column(name="exposure_ms", digits=4),
-            Column(name="tries"),
-            Column(name="promised", label="promised\n%", decimals=0, scale=100.0),
-            Column(name="reason", wraps=True),
-        )
-        some = frame["reason"].str.len_chars().sum() > 0
-        return Table(
-            name="outcomes",
-            frame=frame.sort("_had", maintain_order=True).drop("_had"),
-            columns=columns if some else columns[:-1],
-        )
+    def report(self) -> LoopReport:
+        """What was had so far, and what was learnt on the way."""
+        return LoopReport(outcomes=self.outcomes, n_captures=self._captures, log=tuple(self.log))
 
 
 def _features_of(
@@ -581,40 +428,3 @@ def _one_capture(rows: ObservationTable, views: list[str]) -> tuple[str, float]:
         msg = f"the capture is of view {view!r}, which the plan does not have: {', '.join(views)}"
         raise ObservationError(msg)
     return str(view), float(exposure_ms)
-
-
-def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
-    """Return which settings lie in which windows, (d, n, m); none in a window that is NaN."""
-    low, high = windows_ms[..., 0, None], windows_ms[..., 1, None]
-    out: BoolArray = (low <= settings_ms) & (settings_ms <= high)
-    return out
-
-
-@njit()
-def _captures_left(served: BoolArray) -> FloatArray:  # pragma: no cover - compiled
-    """Return the mean number of captures that are needed after one at each setting, (m,).
-
-    Features that no setting serves do not count. Windows are intervals, so the sweep from the left
-    that takes the last setting of the first window to end needs fewest.
-    """
-    draws, n, m = served.shape
-    total = np.zeros(m)
-    first, last = np.empty(n, np.int64), np.empty(n, np.int64)
-    for d in range(draws):
-        for i in range(n):
-            first[i], last[i] = m, -1
-            for j in range(m):
-                if served[d, i, j]:
-                    first[i] = min(first[i], j)
-                    last[i] = j
-        order = np.argsort(last)
-        for t in range(m):
-            at, needed = -1, 0
-            for k in range(n):
-                i = order[k]
-                if last[i] < 0 or served[d, i, t] or first[i] <= at:
-                    continue
-                at = last[i]
-                needed += 1
-            total[t] += needed
-    return total / draws

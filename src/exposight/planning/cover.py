@@ -26,16 +26,14 @@ from exposight.planning.exposure_plan import (
     PlanView,
     Promise,
 )
-from exposight.planning.path_search import Prefer
-from exposight.planning.recommendation import (
-    CONFIDENCE,
+from exposight.planning.outlook import (
     WORTH_TRYING,
     FeatureOutlook,
-    check_confidence,
-    chosen_path,
     outlook_of,
     planned_exposures,
 )
+from exposight.planning.path_search import Prefer
+from exposight.planning.recommendation import CONFIDENCE, check_confidence, chosen_path
 from exposight.planning.visiting_order import visiting_order
 from exposight.workers import Progress, ignore_progress
 

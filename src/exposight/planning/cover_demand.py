@@ -15,7 +15,7 @@ from exposight.errors import InputError
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.cover_program import Program, useful_settings
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
-from exposight.planning.recommendation import WORTH_TRYING
+from exposight.planning.outlook import WORTH_TRYING
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 FloatArray: TypeAlias = NDArray[np.float64]

@@ -13,8 +13,8 @@ from exposight.cell import ActiveSensor, StoredPose
 from exposight.errors import InputError, SensorError, did_you_mean
 from exposight.files import Checksum, DocumentFormat, read_text, write_durably
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.outlook import FeatureOutlook, PlannedExposure
 from exposight.planning.path_search import Prefer
-from exposight.planning.recommendation import FeatureOutlook, PlannedExposure
 from exposight.plans import MeasuringPlan, PoseList
 from exposight.tables import Column, Table, counted, number
 

@@ -1,0 +1,129 @@
+"""How many captures a view will need after the next one, whatever its windows turn out to be.
+
+Windows are drawn jointly from what is believed of them; draws that contradict what was missed
+already are replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.compiled import njit
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+DRAWS = 256
+"""Of windows."""
+_SCENARIOS = 64
+"""Draws in each of which the captures that are left are counted."""
+
+_FEWEST_DRAWS = 8
+"""So many draws must agree with what a feature missed; otherwise its window lies elsewhere."""
+
+_ELSEWHERE = 0.6
+"""Standard deviation of ln exposure time about a window that was not where it was expected."""
+
+
+def served_in_draws(
+    windows_ms: FloatArray,
+    settings_ms: FloatArray,
+    missed_ms: Sequence[Sequence[float]],
+    rng: np.random.Generator,
+) -> BoolArray:
+    """Return in which draws each setting serves each feature, (d, n, m).
+
+    Parameters
+    ----------
+    windows_ms : (d, n, 2) ndarray, ms
+        Windows of n features, drawn jointly d times.
+    settings_ms : (m,) ndarray, ms
+        Exposure times.
+    missed_ms : sequence of sequence of float, ms
+        Exposure times by which each feature was missed.
+    rng : numpy.random.Generator
+    """
+    n_draws = len(windows_ms)
+    served = _within(windows_ms, settings_ms)
+    for i, missed in enumerate(missed_ms):
+        if not missed:
+            continue
+        times = np.array(missed)
+        agrees = ~_within(windows_ms[:, i : i + 1], times).any(axis=(1, 2))
+        agrees &= np.isfinite(windows_ms[:, i, 0])
+        kept = np.flatnonzero(agrees)
+        if len(kept) >= _FEWEST_DRAWS:
+            chosen = np.where(agrees, np.arange(n_draws), rng.choice(kept, n_draws))
+            served[:, i] = served[chosen, i]
+            continue
+        moved = windows_ms[:, i] * np.exp(_ELSEWHERE * rng.standard_normal((n_draws, 1)))
+        elsewhere = ~_within(moved[:, None], times).any(axis=(1, 2))
+        elsewhere &= rng.random(n_draws) < 0.5 ** len(missed)  # that it can be had at all
+        served[:, i] = _within(moved[:, None], settings_ms)[:, 0] & elsewhere[:, None]
+    return served
+
+
+def after_misses(
+    chance: FloatArray, settings_ms: FloatArray, missed_ms: Sequence[Sequence[float]]
+) -> FloatArray:
+    """Return chances of models without windows, less what was missed, (n, m).
+
+    What was missed at one exposure time is hardly had at a similar one.
+    """
+    out = chance.copy()
+    for i, missed in enumerate(missed_ms):
+        for each in missed:
+            out[i] *= np.clip(np.abs(np.log(settings_ms / each)) / _ELSEWHERE, 0.0, 1.0)
+    return out
+
+
+def captures_left(served: BoolArray) -> FloatArray:
+    """Return the mean number of captures that are needed after one at each setting, (m,).
+
+    Parameters
+    ----------
+    served : (d, n, m) ndarray of bool
+        In which draws each setting serves each feature. Those that none serves do not count.
+    """
+    return _captures_left(np.ascontiguousarray(served[:_SCENARIOS]))
+
+
+def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
+    """Return which settings lie in which windows, (d, n, m); none in a window that is NaN."""
+    low, high = windows_ms[..., 0, None], windows_ms[..., 1, None]
+    out: BoolArray = (low <= settings_ms) & (settings_ms <= high)
+    return out
+
+
+@njit()
+def _captures_left(served: BoolArray) -> FloatArray:  # pragma: no cover - compiled
+    """Count by sweeps from the left.
+
+    Windows are intervals, so the sweep that takes the last setting of the first window to end needs
+    fewest.
+    """
+    draws, n, m = served.shape
+    total = np.zeros(m)
+    first, last = np.empty(n, np.int64), np.empty(n, np.int64)
+    for d in range(draws):
+        for i in range(n):
+            first[i], last[i] = m, -1
+            for j in range(m):
+                if served[d, i, j]:
+                    first[i] = min(first[i], j)
+                    last[i] = j
+        order = np.argsort(last)
+        for t in range(m):
+            at, needed = -1, 0
+            for k in range(n):
+                i = order[k]
+                if last[i] < 0 or served[d, i, t] or first[i] <= at:
+                    continue
+                at = last[i]
+                needed += 1
+            total[t] += needed
+    return total / draws

@@ -1,0 +1,147 @@
+"""What a closed loop asks for next, and what became of each feature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import polars as pl
+
+from exposight.geometry import RigidTransform
+from exposight.tables import Column, Table, counted
+
+OutcomeStatus = Literal["had", "open", "given up", "not seen"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """The capture to take next.
+
+    Parameters
+    ----------
+    view : str
+    exposure_ms : float, ms
+        Exposure time, a setting of the sensor.
+    set_value, set_unit : float, str
+        The same as the sensor is set to it.
+    camera_from_part : RigidTransform or None
+        Where the part shall stand; None where views are known by name alone.
+    features : tuple of str
+        Features of the view that are still to be had, those likely from this capture first.
+    expected : float
+        How many of them to expect from it.
+    why : str
+        The decision in a line.
+    """
+
+    view: str
+    exposure_ms: float
+    set_value: float
+    set_unit: str
+    camera_from_part: RigidTransform | None
+    features: tuple[str, ...]
+    expected: float
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a feature.
+
+    Parameters
+    ----------
+    feature : str
+    status : {"had", "open", "given up", "not seen"}
+        It reached the quality; is yet to be had; cannot be had; or no view sees it.
+    p_norm : float or None
+        The best that was measured.
+    view, exposure_ms : str or None, float or None
+        The capture that gave it.
+    tries : int
+        Captures that saw it until it was had.
+    promised : float or None
+        Chance that was forecast for the capture that it was had by, or first tried by.
+    reason : str
+        Why it is not had; empty where it is.
+    """
+
+    feature: str
+    status: OutcomeStatus
+    p_norm: float | None = None
+    view: str | None = None
+    exposure_ms: float | None = None
+    tries: int = 0
+    promised: float | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopReport:
+    """What was had.
+
+    Parameters
+    ----------
+    outcomes : tuple of Outcome
+        A feature each.
+    n_captures : int
+        Captures that were taken.
+    log : tuple of str
+        What each of them gave.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    n_captures: int
+    log: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """What was had, in a sentence."""
+        outcomes = self.outcomes
+        had = sum(each.status == "had" for each in outcomes)
+        return (
+            f"{had} of {counted(len(outcomes), 'feature')} had with "
+            f"{counted(self.n_captures, 'capture')}"
+        )
+
+    @property
+    def frame(self) -> pl.DataFrame:
+        """A row for each feature, columns as in `Outcome`."""
+        schema = {
+            "feature": pl.String,
+            "status": pl.String,
+            "p_norm": pl.Float64,
+            "view": pl.String,
+            "exposure_ms": pl.Float64,
+            "tries": pl.Int64,
+            "promised": pl.Float64,
+            "reason": pl.String,
+        }
+        rows = [vars(each) for each in self.outcomes]
+        return pl.DataFrame(rows, schema=schema, orient="row")
+
+    @property
+    def table(self) -> Table:
+        """The features, those that are not had first."""
+        frame = self.frame.with_columns((pl.col("status") == "had").alias("_had"))
+        columns = (
+            Column(name="feature"),
+            Column(name="status"),
+            Column(name="p_norm", decimals=2),
+            Column(name="view"),
+            Column(name="exposure_ms", digits=4),
+            Column(name="tries"),
+            Column(name="promised", label="promised\n%", decimals=0, scale=100.0),
+            Column(name="reason", wraps=True),
+        )
+        some = frame["reason"].str.len_chars().sum() > 0
+        return Table(
+            name="outcomes",
+            frame=frame.sort("_had", maintain_order=True).drop("_had"),
+            columns=columns if some else columns[:-1],
+        )
+
+    def __str__(self) -> str:
+        return "\n".join((*self.log, self.verdict, str(self.table)))
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self.verdict}</p>{self.table._repr_html_()}"
