@@ -121,9 +121,11 @@ def auto_candidate_views(
     """
     found = options.viewpoints(part, sensor, progress)
     frames = [each.view(part, sensor).frame for each in found.views]
+    rings = pl.concat(frames, how="diagonal_relaxed")
     candidates = CandidateViews(
         source=AUTO,
-        frame=pl.concat(frames, how="diagonal_relaxed"),
+        # a feature list does not tell the part's name, by which models know it
+        frame=rings.with_columns(part=pl.lit(None, pl.String)),
         sensor=sensor,
         poses={name: (AUTO, pose) for name, pose in found.poses.items()},
         hidden=found.unreachable,

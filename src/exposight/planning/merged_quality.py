@@ -216,7 +216,7 @@ class MergeGain:
             Column(name="target", label="p_norm ≥", decimals=2),
             *(Column(name=name, label=labels[name]) for name in names),
         )
-        return Table.of("gain", rows, columns, title=self.verdict)
+        return Table.of("gain", rows, columns, title="Features that reach a quality")
 
     @property
     def verdict(self) -> str:
