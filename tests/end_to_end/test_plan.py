@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 from exposight.cell import sensor_preset
 from exposight.geometry import RigidTransform
@@ -104,3 +105,18 @@ def test_views_of_another_sensor_have_no_model(models, tmp_path, run):
     ended = run("plan", models, "--views", tmp_path / "other.toml", "--features", features)
     assert ended.exit_code == 1
     assert "there is no model for this sensor" in " ".join(ended.stderr.split())
+
+
+def test_views_are_found_from_features_sensor_and_mesh(models, campaign, tmp_path, run_json):
+    mesh = tmp_path / "plate.stl"
+    trimesh.creation.box(bounds=[(-250, -150, 0), (250, 150, 2)]).export(mesh)
+    features = tmp_path / "features.csv"
+    lines = (campaign / "features.csv").read_text("utf-8").splitlines()
+    features.write_text("\n".join(line for line in lines if not line.startswith("far")), "utf-8")
+    told = run_json(
+        *("plan", models, "--views", "auto", "--features", features, "--mesh", mesh),
+        *("--count", 5, "--reach", "-200:200,-200:200,-700:-450", "--confidence", 0.6),
+    )
+    assert 1 <= told["views_to_choose_from"] <= 5
+    assert {row["feature"] for row in told["features"]} == {f"h{i:02d}" for i in range(1, 13)}
+    assert all(view["view"].startswith("auto-") for view in told["views"])

@@ -48,7 +48,9 @@ class AutoViewOptions:
 
     mesh: Path | None = None
     mesh_unit: Literal["mm", "cm", "m", "inch"] | None = None
-    reach: Annotated[str | None, Parameter(metavar="X:X,Y:Y,Z:Z|PLAN")] = None
+    reach: Annotated[
+        str | None, Parameter(metavar="X:X,Y:Y,Z:Z|PLAN", allow_leading_hyphen=True)
+    ] = None
     reach_of: Literal["camera", "tcp"] = "camera"
     candidates: Annotated[PositiveInt, Parameter(("--count", "--candidates"))] = 48
     views_seed: int = 0

@@ -161,7 +161,6 @@ def candidate_views(
         msg = f"at least one candidate view must be kept, got a count of {count}"
         raise InputError(msg)
     limits = limits or ViewingLimits()
-    notes = _notes(sensor, mesh)
     if mesh is not None:
         check_placement(part, mesh.vertices, mesh.faces, mesh_unit)
         _check_extent(part, mesh, mesh_unit)
@@ -203,9 +202,9 @@ def candidate_views(
     if reach is None or isinstance(reach, ReachBox):
         digits = len(str(len(views)))
         views = [replace(v, name=f"auto-{i:0{digits}d}") for i, v in enumerate(views, start=1)]
-    if unreachable:
-        notes = (*notes, f"no candidate view sees {_reasons(unreachable)}")
-    return CandidateViewpoints(views=tuple(views), unreachable=unreachable, notes=notes)
+    return CandidateViewpoints(
+        views=tuple(views), unreachable=unreachable, notes=_notes(sensor, mesh)
+    )
 
 
 def _pool(
