@@ -32,7 +32,7 @@ from exposight.planning.outlook import (
     outlook_of,
     planned_exposures,
 )
-from exposight.planning.path_search import Prefer
+from exposight.planning.path_search import Path, Prefer, cheapest_captures
 from exposight.planning.recommendation import CONFIDENCE, check_confidence, chosen_path
 from exposight.planning.visiting_order import visiting_order
 from exposight.workers import Progress, ignore_progress
@@ -130,11 +130,10 @@ def plan_exposures(
     by_time = goal == "time"
     demand = demand_of(views, limits, costs, by_time=by_time, confidence=confidence, moves=moves)
     answer = _solve(demand, budget, time_limit_s, seed, progress)
-    places = answer.places
-    if not by_time:
-        places = [
-            _better_settings(demand, v, places, limits, costs, prefer) for v in range(len(views))
-        ]
+    places = [
+        _better_settings(demand, v, answer.places, limits, costs, None if by_time else prefer)
+        for v in range(len(views))
+    ]
     costs = costs if moves else replace(costs, move_ms=0.0)
     visited = [v for v, chosen in enumerate(places) if chosen]
     poses = dict(poses or {})
@@ -275,11 +274,12 @@ def _better_settings(
     places: Places,
     limits: ExposureLimits,
     costs: CaptureCosts,
-    prefer: Prefer,
+    prefer: Prefer | None,
 ) -> tuple[int, ...]:
     """Return as many captures of a view or fewer, with more margin or in less time.
 
-    They serve what those that were chosen serve and no earlier view serves as well.
+    They serve what those that were chosen serve and no other view serves better, by the exact
+    chances of several together. Without a preference none that take longer are returned.
     """
     view, chosen = demand.views[v], places[v]
     if not chosen:
@@ -307,9 +307,19 @@ def _better_settings(
     allowed = np.array([limits.allows(ms) for ms in view.settings_ms])
     if not allowed.all():
         return chosen
-    path = chosen_path(view.take(names), targets[served], limits, costs, prefer)
-    reached = view.any_of(path.places)[served] >= targets[served] - _DUST
-    return path.places if len(path.places) <= len(chosen) and reached.all() else chosen
+    asked, taken = view.take(names), targets[served]
+    times = np.array([costs.capture_ms(ms) for ms in view.settings_ms])
+    if prefer is not None:
+        path: Path | None = chosen_path(asked, taken, limits, costs, prefer)
+    elif limits.least_per_view > 1:
+        return chosen
+    else:
+        path = cheapest_captures(asked, taken, times, most=limits.most_per_view or len(chosen) + 1)
+    if path is None or (asked.any_of(path.places) < taken - _DUST).any():
+        return chosen
+    fewer = len(path.places) <= len(chosen)
+    quicker = times[list(path.places)].sum() < times[list(chosen)].sum() - _DUST
+    return path.places if (quicker if prefer is None else fewer) else chosen
 
 
 def _outlook(

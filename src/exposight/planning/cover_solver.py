@@ -170,8 +170,8 @@ def _cheapest(
             return None
         bound = max(0.0, _rounded(answer["bound"], counts))
         value = math.inf if taken is None else program.value(taken)
-        slack = 1.0 if counts else _GAP * value
-        dust = _DUST * value if taken is not None else 0.0
+        slack, dust = (0.0, 0.0) if taken is None else (_GAP * value, _DUST * value)
+        slack = 1.0 if counts else slack
         if taken is not None and value - bound < slack - dust:
             return Cover(taken=taken, objective=value, lower_bound=min(bound, value))
         cutoff = value - slack + (dust if counts else 0.0)

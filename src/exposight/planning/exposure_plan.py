@@ -87,7 +87,10 @@ class Promise:
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """How good a plan is, beside all others.
+    """How good a plan is beside all others that serve each feature by one capture where one can.
+
+    Several captures of a view together may do better; where a plan does, its own objective is the
+    bound.
 
     Parameters
     ----------
@@ -218,17 +221,11 @@ class ExposurePlan:
         return ""
 
     def view(self, name: str) -> PlanView:
-        """Return a view by its name.
-
-        Raises
-        ------
-        InputError
-            If the plan has none of that name.
-        """
-        for view in self.views:
-            if view.name == name:
-                return view
-        msg = f"the plan has no view {name!r}" + did_you_mean(name, [v.name for v in self.views])
+        """Return a view by its name; an `InputError` says which there are."""
+        views = {view.name: view for view in self.views}
+        if name in views:
+            return views[name]
+        msg = f"the plan has no view {name!r}{did_you_mean(name, views)}"
         raise InputError(msg)
 
     # -- figures --------------------------------------------------------------------------------
@@ -271,10 +268,9 @@ class ExposurePlan:
         bound = number(proof.bound, 4)
         if proof.unit == "features":
             return "no plan serves more" if proof.proven else f"at most {bound} features can be had"
-        less = "fewer captures" if proof.unit == "captures" else "less time"
         if proof.proven:
-            return f"proven: no plan needs {less}"
-        return f"no plan needs less than {bound} {proof.unit} (gap {100 * proof.gap:.1f} %)"
+            return "proven " + ("fewest" if proof.unit == "captures" else "quickest")
+        return f"at least {bound} {proof.unit} are needed (gap {100 * proof.gap:.1f} %)"
 
     @property
     def notes(self) -> tuple[str, ...]:
