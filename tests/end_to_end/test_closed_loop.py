@@ -193,6 +193,14 @@ def test_people_read_the_request_first(begin, run):
     assert "fanuc 0,0,600,0,0,0" in ended.stdout
 
 
+def test_plan_and_state_are_known(begin, campaign, exposure_plan, run_json):
+    told = run_json("info", begin[2])
+    assert (told["kind"], told["answer"]) == ("exposure plan", exposure_plan.verdict)
+    run_json("next", *begin, "--capture", campaign / "captures" / "000007")
+    told = run_json("info", begin[0])
+    assert (told["kind"], told["captures"]) == ("state of a loop", 1)
+
+
 def test_a_state_that_is_not_there_or_of_another_loop(begin, exposure_plan, tmp_path, run):
     state = begin[0]
     ended = run("next", state)

@@ -22,7 +22,7 @@ from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_came
 from exposight.geometry import read_ros_camera_info as read_camera_info
 from exposight.geometry.meshes import MESH_SUFFIXES
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
-from exposight.measuring import recorded_driver
+from exposight.measuring import read_state, recorded_driver
 from exposight.models import (
     MODEL_SUFFIX,
     GaussianProcessModel,
@@ -32,6 +32,7 @@ from exposight.models import (
     load_model,
 )
 from exposight.observing import read_observations
+from exposight.planning import read_exposure_plan
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
 from exposight.tables import Table, number
@@ -77,7 +78,8 @@ def info_command(file: Path, /) -> Result:
     ----------
     file
         Campaign, model, sensor, feature list, observation table, point cloud, image, folder of
-        frames, calibration, pattern sequence or measuring plan; or the name of a plan or sensor.
+        frames, calibration, pattern sequence, measuring plan, exposure plan or state of a loop; or
+        the name of a plan or sensor.
     """
     if not file.exists() and str(file) not in (names := (*PLANS, *PRESETS)):
         msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
@@ -196,6 +198,32 @@ def _model_tables(path: Path) -> tuple[tuple[Table, ...], tuple[str, ...]]:
 )
 def _plan(path: Path) -> Iterable[Fact]:
     return plan_summary(plan_from(str(path)))
+
+
+@_kind("exposure plan", ".json", _named(".json", having='"exposight plan"'))
+def _exposure_plan(path: Path) -> Iterable[Fact]:
+    plan = read_exposure_plan(path)
+    exposures = {view.name: [each.exposure_ms for each in view.exposures] for view in plan.views}
+    each = (f"{name} {', '.join(map(number, times))}" for name, times in exposures.items())
+    return (
+        fact("answer", plan.verdict),
+        fact("sensor", plan.sensor),
+        fact("part", plan.part),
+        _names("features", [each.feature for each in plan.features]),
+        fact("exposures_ms", exposures, "\n".join(each)),
+        fact("promised", plan.promise.expected_covered),
+    )
+
+
+@_kind("state of a loop", ".json", _named(".json", having='"exposight loop state"'))
+def _loop_state(path: Path) -> Iterable[Fact]:
+    state = read_state(path)
+    return _facts(
+        captures=len(state.captures),
+        views=list(dict.fromkeys(each.view for each in state.captures)),
+        models=[Path(each).name for each in state.models],
+        part=state.part,
+    )
 
 
 @_kind(

@@ -22,8 +22,7 @@ from exposight.errors import FormatError, SensorError
 from exposight.files import read_text
 from exposight.measuring import measure_adaptively
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
-from exposight.planning import SensorModels
-from exposight.planning.exposure_plan import ExposurePlan, read_exposure_plan
+from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 from exposight.tables import Table, number
 from exposight.twin import SimulatedCell, SimulatedCellSettings
 

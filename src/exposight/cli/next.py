@@ -15,8 +15,8 @@ from exposight.errors import FileError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.measuring import LoopState, LoopStep, loop_step
 from exposight.measuring.decisions import OPEN, outcomes_table
-from exposight.planning.closed_loop import Request
-from exposight.planning.exposure_plan import read_exposure_plan
+from exposight.planning import read_exposure_plan
+from exposight.planning.loop_report import Request
 from exposight.tables import count, counted, number
 
 
@@ -60,17 +60,17 @@ class BeginOptions:
             msg = "a new loop begins with --plan and --models"
             raise UsageError(msg)
         plan = read_exposure_plan(self.plan)
-        part, sensor = self._part_and_sensor()
+        part, sensor = self._part_and_sensor(plan.part)
         return LoopState.begin(plan, self.models, part=part, sensor=sensor)
 
-    def _part_and_sensor(self) -> tuple[Part, ActiveSensor]:
+    def _part_and_sensor(self, name: str) -> tuple[Part, ActiveSensor]:
         if self.campaign is not None and self.sensor is None and self.features is None:
             campaign = CampaignFolder(self.campaign)
             return campaign.part, campaign.sensor
         if self.campaign is not None or self.sensor is None or self.features is None:
             msg = "a new loop needs either --campaign, or both --sensor and --features"
             raise UsageError(msg)
-        part = Part(name=self.features.stem, features=read_features(self.features))
+        part = Part(name=name or self.features.stem, features=read_features(self.features))
         return part, sensor_named_or_read(self.sensor)
 
 
@@ -144,7 +144,7 @@ def _result(step: LoopStep, request: Request | None, before: int) -> Result:
         fact("captures", n, f"{count(n)}; {counted(left, 'feature')} left"),
         fact("fed", fed, "\n".join(map(str, fed))),
     )
-    table = outcomes_table(outcomes)
+    table = outcomes_table(outcomes, step.plan)
     if document is None:
         return Result(title=step.verdict, facts=facts, tables=(table,))
     title = (

@@ -2,7 +2,7 @@
 
 from exposight.measuring.adaptive import LoopResult, measure_adaptively
 from exposight.measuring.decisions import Decision
-from exposight.measuring.loop_state import LoopState, LoopStep, loop_step
+from exposight.measuring.loop_state import LoopState, LoopStep, loop_step, read_state
 from exposight.measuring.measure import (
     check_table_path,
     measure,

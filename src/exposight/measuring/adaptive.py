@@ -34,9 +34,9 @@ from exposight.measuring.open_loop import OpenLoop
 from exposight.measuring.record import describe, keep_loop_record
 from exposight.measuring.view_work import OBSERVATIONS_FILE, take_capture, write_table
 from exposight.observing import ObservationTable, Observer, parse_observations
-from exposight.planning import SensorModels
-from exposight.planning.closed_loop import ClosedLoop, Outcome, Request
-from exposight.planning.exposure_plan import ExposurePlan
+from exposight.planning import ExposurePlan, SensorModels
+from exposight.planning.closed_loop import ClosedLoop
+from exposight.planning.loop_report import Outcome, Request
 from exposight.tables import Table
 from exposight.workers import Progress, ignore_progress
 
@@ -75,18 +75,17 @@ class LoopResult:
     @property
     def verdict(self) -> str:
         """How many features succeeded of how many that were promised, and which failed."""
-        promised = self.plan.promise.expected_covered
-        return verdict(self.outcomes, len(self.decisions), promised)
+        return verdict(self.outcomes, len(self.decisions), self.plan)
 
     @property
     def frame(self) -> pl.DataFrame:
-        """One row for each feature; its columns are the fields of `Outcome`."""
-        return outcomes_frame(self.outcomes)
+        """A row for each feature: those of `Outcome`, and the chance in the plan."""
+        return outcomes_frame(self.outcomes, self.plan)
 
     @property
     def table(self) -> Table:
         """What became of each feature, beside what was promised."""
-        return outcomes_table(self.outcomes)
+        return outcomes_table(self.outcomes, self.plan)
 
     def __str__(self) -> str:
         return "\n".join((*map(str, self.decisions), self.verdict, str(self.table)))
@@ -252,8 +251,7 @@ class _LoopRun:
             campaign = CampaignFolder(folder)
             write_table(campaign)
             outcomes = tuple(self.loop.outcomes)
-            promised = self.plan.promise.expected_covered
-            write_outcomes(folder, outcomes, len(decisions), promised)
+            write_outcomes(folder, outcomes, len(decisions), self.plan)
         return LoopResult(
             campaign=campaign, plan=self.plan, decisions=tuple(decisions), outcomes=outcomes
         )

@@ -19,7 +19,8 @@ from exposight.cell import Part
 from exposight.files import DocumentFormat, write_durably
 from exposight.geometry import RigidTransform
 from exposight.observing import ObservationTable
-from exposight.planning.closed_loop import Outcome, Request
+from exposight.planning import ExposurePlan
+from exposight.planning.loop_report import LoopReport, Outcome, Request
 from exposight.tables import Column, Table, counted, number
 
 HAD, OPEN = "had", "open"
@@ -160,38 +161,33 @@ _COLUMNS = (
     Column(name="view"),
     Column(name="exposure_ms"),
     Column(name="tries"),
-    Column(name="promised", label="promised\n%", decimals=0, scale=100.0),
+    Column(name="planned", label="promised\n%", decimals=0, scale=100.0),
     Column(name="reason", wraps=True),
 )
 
 
-def outcomes_frame(outcomes: Sequence[Outcome]) -> pl.DataFrame:
-    """Return a row for each feature; its columns are the fields of `Outcome`."""
-    schema = pl.Schema(
-        {
-            **dict.fromkeys(("feature", "status"), pl.String()),
-            "p_norm": pl.Float64(),
-            "view": pl.String(),
-            "exposure_ms": pl.Float64(),
-            "tries": pl.Int64(),
-            "promised": pl.Float64(),
-            "reason": pl.String(),
-        }
-    )
-    return pl.DataFrame([asdict(each) for each in outcomes], schema=schema, orient="row")
+def outcomes_frame(outcomes: Sequence[Outcome], plan: ExposurePlan) -> pl.DataFrame:
+    """Return a row for each feature: fields of `Outcome`, and the plan's chance."""
+    report = LoopReport(outcomes=tuple(outcomes), n_captures=0, log=())
+    planned = {each.feature: each.chance for each in plan.features}
+    chances = [planned[each.feature] for each in outcomes]
+    return report.frame.with_columns(pl.Series("planned", chances, dtype=pl.Float64))
 
 
-def outcomes_table(outcomes: Sequence[Outcome]) -> Table:
-    """Return what became of each feature, beside what was promised."""
-    return Table(name="outcomes", frame=outcomes_frame(outcomes), columns=_COLUMNS)
+def outcomes_table(outcomes: Sequence[Outcome], plan: ExposurePlan) -> Table:
+    """Return what became of each feature, beside what the plan promised."""
+    frame = outcomes_frame(outcomes, plan)
+    failed = any(each.reason for each in outcomes)
+    columns = _COLUMNS if failed else _COLUMNS[:-1]
+    return Table(name="outcomes", frame=frame, columns=columns)
 
 
-def verdict(outcomes: Sequence[Outcome], captures: int, promised: float) -> str:
+def verdict(outcomes: Sequence[Outcome], captures: int, plan: ExposurePlan) -> str:
     """Return how many features succeeded of how many that were promised, and which failed."""
     had = sum(each.status == HAD for each in outcomes)
     text = (
         f"{counted(captures, 'capture')}: {had} of {len(outcomes)} features succeeded, "
-        f"{number(promised, 3)} were promised"
+        f"{number(plan.promise.expected_covered, 3)} were promised"
     )
     failed = (f"{e.feature} failed because {e.reason}" for e in outcomes if e.status != HAD)
     return "; ".join((text, *failed))
@@ -208,7 +204,7 @@ class _Result:
 
     captures: int
     features: int
-    promised: float | None
+    promised: float
     achieved: int
     outcomes: tuple[dict[str, Any], ...]
 
@@ -223,15 +219,16 @@ def write_decisions(folder: Path, decisions: Sequence[Decision]) -> None:
 
 
 def write_outcomes(
-    folder: Path, outcomes: Sequence[Outcome], captures: int, promised: float | None
+    folder: Path, outcomes: Sequence[Outcome], captures: int, plan: ExposurePlan
 ) -> None:
     """Write what became of each feature, as a table and as a document, durably."""
-    write_durably(folder / OUTCOMES_FILE, outcomes_frame(outcomes).write_csv().encode())
+    frame = outcomes_frame(outcomes, plan)
+    write_durably(folder / OUTCOMES_FILE, frame.write_csv().encode())
     result = _Result(
         captures=captures,
         features=len(outcomes),
-        promised=promised,
+        promised=plan.promise.expected_covered,
         achieved=sum(each.status == HAD for each in outcomes),
-        outcomes=tuple(map(asdict, outcomes)),
+        outcomes=tuple(frame.iter_rows(named=True)),
     )
     write_durably(folder / RESULT_FILE, _RESULT.to_json(result).encode())

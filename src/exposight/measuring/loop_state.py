@@ -27,9 +27,8 @@ from exposight.files import (
 from exposight.measuring.adaptive import observed_part, planned_loop, view_poses
 from exposight.measuring.decisions import Decision, Loop, feed, pose_remark, verdict
 from exposight.observing import ObservationTable, Observer, parse_observations, read_observations
-from exposight.planning import SensorModels
-from exposight.planning.closed_loop import Request
-from exposight.planning.exposure_plan import ExposurePlan, parse_exposure_plan
+from exposight.planning import ExposurePlan, SensorModels, parse_exposure_plan
+from exposight.planning.loop_report import Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +122,17 @@ class LoopState:
 _FORMAT = DocumentFormat("exposight loop state", 1, LoopState)
 
 
+def read_state(path: Path) -> LoopState:
+    """Read a state's file.
+
+    Raises
+    ------
+    MissingFileError, DamagedFileError, FormatError, VersionError
+        If it is not there, was changed, or is something else or newer.
+    """
+    return _FORMAT.unseal(read_bytes(path, "state of a loop"), str(path))
+
+
 @contextmanager
 def loop_step(path: Path) -> Iterator[LoopStep | None]:
     """Open a state for one step, for one process at a time; None where it is to begin.
@@ -139,8 +149,7 @@ def loop_step(path: Path) -> Iterator[LoopStep | None]:
     lock = hold_writer_lock(path.parent, f"the state {path.name}", f"{path.name}.lock")
     try:
         if path.is_file():
-            state = _FORMAT.unseal(read_bytes(path, "state of a loop"), str(path))
-            yield LoopStep(path, state)
+            yield LoopStep(path, read_state(path))
         else:
             yield None
     finally:
@@ -186,8 +195,7 @@ class LoopStep:
     @property
     def verdict(self) -> str:
         """How many features succeeded of how many that were promised, and which failed."""
-        promised = self.plan.promise.expected_covered
-        return verdict(self.loop.outcomes, len(self.decisions), promised)
+        return verdict(self.loop.outcomes, len(self.decisions), self.plan)
 
     def feed(self, path: Path) -> list[Decision]:
         """Take note of captures, one after the other; those that were fed before are left out.

@@ -22,8 +22,7 @@ from exposight.measuring import view_work
 from exposight.measuring.adaptive import LoopResult, measure_adaptively
 from exposight.measuring.record import describe, keep_record
 from exposight.observing import ObservationTable, read_observations
-from exposight.planning import SensorModels
-from exposight.planning.exposure_plan import ExposurePlan
+from exposight.planning import ExposurePlan, SensorModels
 from exposight.plans import MeasuringPlan, plan_to_toml
 from exposight.workers import LocalProcesses, Progress, Workers, choose_workers, ignore_progress
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from exposight.observing import ObservationTable
-from exposight.planning.closed_loop import Outcome, OutcomeStatus, Request
-from exposight.planning.exposure_plan import ExposurePlan
+from exposight.planning import ExposurePlan
+from exposight.planning.loop_report import Outcome, OutcomeStatus, Request
 from exposight.planning.recommendation import FeatureOutlook
 from exposight.tables import number
 

@@ -14,8 +14,7 @@ from typing import Any
 from exposight.cell import Driver
 from exposight.errors import FileError, InputError
 from exposight.files import Checksum, DocumentFormat, sha256_of, write_durably
-from exposight.planning import SensorModels
-from exposight.planning.exposure_plan import ExposurePlan, write_exposure_plan
+from exposight.planning import ExposurePlan, SensorModels, write_exposure_plan
 from exposight.plans import MeasuringPlan, plan_to_toml, read_plan, write_plan
 
 PLAN_FILE, RECORD_FILE = "plan.toml", "measurement.json"
