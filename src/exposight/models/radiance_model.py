@@ -64,7 +64,7 @@ def curved(frame: pl.DataFrame) -> frozenset[str]:
     """Return the features of a frame whose measured surface is not flat."""
     if "kind" not in frame.columns:
         return frozenset()
-    return frozenset(frame.filter(pl.col("kind") == "sphere")["feature"])
+    return frozenset(frame["feature"].filter(frame["kind"] == "sphere"))
 
 
 def far_away(distance: float, telling_ms: float | None = None) -> str:

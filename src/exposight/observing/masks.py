@@ -147,9 +147,14 @@ class View:
     @property
     def frame(self) -> pl.DataFrame:
         """Columns of an observation table for each visible feature: all that need no capture."""
-        return pose_columns(self.visible).with_columns(
-            pl.lit(self.name).alias("view"),
-            *(pl.lit(value).alias(name) for name, value in self.shared.items()),
+        frame = pose_columns(self.visible)
+        same = {"view": self.name, **self.shared}
+        types = {str: pl.String, float: pl.Float64}
+        return frame.hstack(
+            [
+                pl.Series(name, [value] * frame.height, dtype=types.get(type(value)))
+                for name, value in same.items()
+            ]
         )
 
     def _repr_html_(self) -> str:

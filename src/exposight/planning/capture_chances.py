@@ -265,14 +265,11 @@ class CaptureChances:
         low, high = (np.maximum(np.hypot(edge, spread), _SHARP)[:, None, None] for edge in edges)
         begun, lasting, weights = [], [], []
         for weight, first, last in cases:
-            at = log_ms + shift[:, :, None]
-            begun.append(ndtr((at - first[:, None, None]) / low))
-            lasting.append(ndtr((last[:, None, None] - at) / high))
+            at, never = log_ms + shift[:, :, None], np.isnan(first) | np.isnan(last)
+            begun.append(ndtr((at - np.where(never, np.inf, first)[:, None, None]) / low))
+            lasting.append(ndtr((np.where(never, -np.inf, last)[:, None, None] - at) / high))
             weights.append(weight * share)
-        starts, ends = (
-            np.nan_to_num(np.concatenate(begun, 1)),
-            np.nan_to_num(np.concatenate(lasting, 1)),
-        )
+        starts, ends = np.concatenate(begun, 1), np.concatenate(lasting, 1)
         both = np.concatenate(weights)
         return cls(
             weights=both,

@@ -194,14 +194,19 @@ class ExposureLimits:
         first, last = self._settings_in(low_ms, high_ms)
         if last - first < count:
             return self._placed(np.arange(first, last + 1))
-        end = float(self._placed(np.array([last]))[0])
+        end = self._time_at(last)
         places = [first]
         for left in range(count - 1, 0, -1):  # the rest of the window in `left` equal ratios
-            here = float(self._placed(np.array([places[-1]]))[0])
+            here = self._time_at(places[-1])
             wish = here * (end / here) ** (1.0 / left)
             place = self._settings_in(low_ms, wish)[1] if left > 1 else last
             places.append(max(place, places[-1] + 1))
         return self._placed(np.array(places))
+
+    def _time_at(self, place: int) -> float:
+        if self._listed_ms is None:
+            return self.min_ms + place * self.increment_ms
+        return float(self._listed_ms[place])
 
     def _placed(self, places: NDArray[np.int64]) -> FloatArray:
         return self._at(places) if self._listed_ms is None else self._listed_ms[places]

@@ -32,7 +32,7 @@ from exposight.models import (
     train_all,
     train_window,
 )
-from exposight.observing import ObservationTable, View
+from exposight.observing import ObservationTable, View, Visibility
 from exposight.planning.chain import ChainedQuality, chained_forecast
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.forecasts import Forecast, check_forecast
@@ -231,7 +231,7 @@ class SensorModels:
         hidden = {
             each.feature.name: each.visibility.value
             for each in view.features
-            if each not in view.visible
+            if each.visibility is not Visibility.VISIBLE
         }
         return forecast.recommend(
             limits, costs, confidence=confidence, prefer=prefer, view=view.name, hidden=hidden
