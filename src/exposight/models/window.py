@@ -251,6 +251,16 @@ _NORMAL = ndtr(np.arange(-_CUT, _CUT + 2 * _NORMAL_STEP, _NORMAL_STEP))
 """Φ at steps fine enough to be linear between: within 2e-6."""
 
 
+@njit()
+def normal_at(score: float) -> float:  # pragma: no cover - compiled
+    """Return Φ(score) from a table, within 2e-6."""
+    place = (score + _CUT) / _NORMAL_STEP
+    place = min(max(place, 0.0), 2.0 * _CUT / _NORMAL_STEP)
+    cell = int(place)
+    share: float = _NORMAL[cell] + (place - cell) * (_NORMAL[cell + 1] - _NORMAL[cell])
+    return share
+
+
 @njit()  # not fastmath, which takes no NaN for one
 def normal_between(
     at: FloatArray, first: FloatArray, dark: FloatArray, last: FloatArray, bright: FloatArray
@@ -260,18 +270,11 @@ def normal_between(
     `at` is (n, m), the others are (n,).
     """
     out = np.zeros(at.shape)
-    top = 2.0 * _CUT / _NORMAL_STEP
     for i in range(at.shape[0]):
         if np.isfinite(first[i]) and np.isfinite(last[i]):
             for j in range(at.shape[1]):
-                place = ((at[i, j] - first[i]) / dark[i] + _CUT) / _NORMAL_STEP
-                place = min(max(place, 0.0), top)
-                cell = int(place)
-                share = _NORMAL[cell] + (place - cell) * (_NORMAL[cell + 1] - _NORMAL[cell])
-                place = ((at[i, j] - last[i]) / bright[i] + _CUT) / _NORMAL_STEP
-                place = min(max(place, 0.0), top)
-                cell = int(place)
-                share -= _NORMAL[cell] + (place - cell) * (_NORMAL[cell + 1] - _NORMAL[cell])
+                share = normal_at((at[i, j] - first[i]) / dark[i])
+                share -= normal_at((at[i, j] - last[i]) / bright[i])
                 out[i, j] = max(share, 0.0)
     return out
 

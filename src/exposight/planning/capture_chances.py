@@ -21,10 +21,11 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
+from exposight.compiled import njit
 from exposight.errors import InputError
 from exposight.models import RingForecast
+from exposight.models.window import normal_at
 from exposight.planning.exposure_limits import ExposureLimits
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -262,20 +263,15 @@ class CaptureChances:
         # ripples of 0.7 % in the distribution's density.
         spread = std * step / 2.0
         shift = (std * np.sqrt(1.0 - step**2 / 4.0))[:, None] * nodes
-        low, high = (np.maximum(np.hypot(edge, spread), _SHARP)[:, None, None] for edge in edges)
-        begun, lasting, weights = [], [], []
-        for weight, first, last in cases:
-            at, never = log_ms + shift[:, :, None], np.isnan(first) | np.isnan(last)
-            begun.append(ndtr((at - np.where(never, np.inf, first)[:, None, None]) / low))
-            lasting.append(ndtr((np.where(never, -np.inf, last)[:, None, None] - at) / high))
-            weights.append(weight * share)
-        starts, ends = np.concatenate(begun, 1), np.concatenate(lasting, 1)
-        both = np.concatenate(weights)
+        low, high = (np.maximum(np.hypot(each, spread), _SHARP) for each in edges)
+        weights = np.concatenate([weight * share for weight, _, _ in cases])
+        tables = [_edges(log_ms, shift, first, last, low, high) for _, first, last in cases]
+        begun, lasting = (np.concatenate(each, axis=1) for each in zip(*tables, strict=True))
         return cls(
-            weights=both,
-            begun=starts,
-            lasting=ends,
-            chance=np.einsum("q,nqm,nqm->nm", both, starts, ends),
+            weights=weights,
+            begun=begun,
+            lasting=lasting,
+            chance=np.einsum("q,nqm,nqm->nm", weights, begun, lasting),
             **fields,  # type: ignore[arg-type]
         )
 
@@ -372,3 +368,25 @@ def _checked(settings_ms: ArrayLike) -> FloatArray:
         )
         raise InputError(msg)
     return settings
+
+
+@njit()
+def _edges(
+    log_ms: FloatArray,
+    shift: FloatArray,
+    first: FloatArray,
+    last: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Return the chances that windows have begun and last, (n, q, m); 0 without a window."""
+    n, q = shift.shape
+    begun, lasting = np.zeros((n, q, len(log_ms))), np.zeros((n, q, len(log_ms)))
+    for i in range(n):
+        if np.isfinite(first[i]) and np.isfinite(last[i]):
+            for k in range(q):
+                for j in range(len(log_ms)):
+                    at = log_ms[j] + shift[i, k]
+                    begun[i, k, j] = normal_at((at - first[i]) / low[i])
+                    lasting[i, k, j] = normal_at((last[i] - at) / high[i])
+    return begun, lasting

@@ -124,9 +124,16 @@ def most_served(
 
 def _arrays(
     chances: CaptureChances, targets: FloatArray, costs: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    chance, gain, later = map(np.ascontiguousarray, (chances.chance, chances.gain, chances.later))
-    return chance, gain, later, targets, costs
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    return (
+        np.ascontiguousarray(chances.chance),
+        chances.weights,
+        np.ascontiguousarray(chances.begun),
+        np.ascontiguousarray(chances.lasting),
+        np.ascontiguousarray(chances.later),
+        targets,
+        costs,
+    )
 
 
 def _most_steps(targets: FloatArray) -> int:
@@ -163,7 +170,9 @@ def _captures_ahead(chances: CaptureChances, targets: FloatArray, count: int) ->
 @njit()
 def _search(
     chance: FloatArray,
-    gain: FloatArray,
+    weights: FloatArray,
+    begun: FloatArray,
+    lasting: FloatArray,
     later: FloatArray,
     targets: FloatArray,
     costs: FloatArray,
@@ -174,6 +183,8 @@ def _search(
 ) -> tuple[NDArray[np.int64], float, bool]:  # pragma: no cover - compiled
     """Return the best `count` places (−1 if none will do), their value, and if that is proven."""
     n, m = chance.shape
+    gain = np.zeros((m if count > 1 else 0, n, m))  # of each first setting once it is looked at
+    known = np.zeros(m, dtype=np.bool_)
     best = np.full(count, -1, dtype=np.int64)
     best_value = -np.inf
     place = np.full(count, -1, dtype=np.int64)
@@ -197,7 +208,7 @@ def _search(
         for f in range(n):
             value = chance[f, i]
             if depth > 0:
-                value = total[depth, f] + gain[f, place[depth - 1], i]
+                value = total[depth, f] + gain[place[depth - 1], f, i]
             total[depth + 1, f] = value
             reach = value if leaf else min(value + later[f, i], 1.0)
             mean += reach
@@ -222,6 +233,28 @@ def _search(
             best_value = bound
             best[:] = place
         else:
+            if not known[i]:
+                known[i] = True
+                _gains_after(chance, weights, begun, lasting, i, gain[i])
             place[depth + 1] = i
             depth += 1
     return best, best_value, True
+
+
+@njit()
+def _gains_after(
+    chance: FloatArray,
+    weights: FloatArray,
+    begun: FloatArray,
+    lasting: FloatArray,
+    first: int,
+    out: FloatArray,
+) -> None:  # pragma: no cover - compiled
+    """Fill in what captures after a first one add to it (`CaptureChances.gain`), (n, m)."""
+    n, m = chance.shape
+    for i in range(n):
+        for t in range(first + 1, m):
+            both = min(chance[i, first], chance[i, t]) if len(weights) == 0 else 0.0
+            for k in range(len(weights)):
+                both += weights[k] * begun[i, k, first] * lasting[i, k, t]
+            out[i, t] = max(chance[i, t] - both, 0.0)
