@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from exposight.observing import ObservationTable
+from exposight.observing import ObservationTable, read_observations
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "07_own_strategy.py"
 
@@ -51,6 +51,13 @@ def test_it_writes_results_and_a_page_with_a_strategy_of_ones_own(sweep, tmp_pat
     assert ended.exit_code == 0
     assert "halving" in ended.stdout
     assert " exposures a view" in ended.stdout.splitlines()[0]
+
+
+def test_a_simulated_sweep_that_is_there_is_used(sweep, tmp_path, run_json):
+    read_observations(sweep).write(tmp_path / "sweep.parquet")
+    told = run_json("compare", "--simulated", "--strategies", "adaptive", "-o", tmp_path)
+    assert told["views"] == 2
+    assert any("sweep.parquet was there" in note for note in told["notes"])
 
 
 def test_a_campaign_is_a_sweep(campaign, tmp_path, run_json):

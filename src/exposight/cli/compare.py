@@ -13,7 +13,7 @@ from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import ExposightError, FormatError, InputError, MissingFileError
-from exposight.files import sha256_of
+from exposight.files import make_folder, sha256_of
 from exposight.measuring import measure_observations
 from exposight.models import MODEL_SUFFIX, P_NORM_MIN, Predictor, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
@@ -118,11 +118,13 @@ def compare_command(
         )
     )
     bounds = None if limits is None else limits_named(limits)
+    kept = output / f"{_SIMULATED}.parquet"
+    reused = simulated and kept.is_file()
     with progress_bars(kept_in=output if simulated else None) as progress:
         table = (
             _table_of(sweep, progress)
             if sweep is not None
-            else _simulated(output, workers or usual_workers(), progress)
+            else _simulated(kept, workers or usual_workers(), progress)
         )
         name = _SIMULATED if sweep is None else sweep.stem
         compared = Sweep.of(table, name=name, need=need, limits=bounds)
@@ -154,7 +156,7 @@ def compare_command(
             fact("verdict", comparison.verdict, ""),
         ),
         tables=(comparison.table,),
-        notes=_notes(comparison, table, pairs, sweep),
+        notes=_notes(comparison, table, pairs, sweep, kept if reused else None),
         files=files,
     )
 
@@ -219,13 +221,12 @@ def _table_of(path: Path, progress: Progress) -> ObservationTable:
     return read_observations(path)
 
 
-def _simulated(folder: Path, workers: int, progress: Progress) -> ObservationTable:
-    """Return the simulated sweep's table, from the folder if it is there."""
-    path = folder / f"{_SIMULATED}.parquet"
+def _simulated(path: Path, workers: int, progress: Progress) -> ObservationTable:
+    """Return the simulated sweep's table, from its file if it is there."""
     if path.is_file():
         return read_observations(path)
     plan = plan_preset(_SIMULATED)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent, "the comparison")
     cell = SimulatedCell.for_plan(plan, rings_only=True)
     return measure_observations(plan, cell, table_path=path, workers=workers, progress=progress)
 
@@ -235,6 +236,7 @@ def _notes(
     table: ObservationTable,
     pairs: tuple[SensorModels, ...],
     sweep: Path | None,
+    reused: Path | None,
 ) -> tuple[str, ...]:
     notes = []
     if comparison.about["constants"] == "in hindsight":
@@ -244,6 +246,8 @@ def _notes(
         )
     if bool(table.measured().frame["emulated"].any()):
         notes.append("emulated exposures are among the observations")
+    if reused is not None:
+        notes.append(f"{reused} was there and is used; remove it to simulate anew")
     if sweep is not None and sweep.is_file():
         sha256 = sha256_of(sweep.read_bytes())
         known = [

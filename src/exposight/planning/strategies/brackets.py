@@ -33,10 +33,17 @@ def _start(
     def start(setup: Setup) -> Method:
         settings = np.unique(np.concatenate([v.settings_ms for v in setup.rehearsal.views]))
         ends = settings[np.linspace(0, len(settings) - 1, min(_ENDS, len(settings))).astype(int)]
-        choices = [(spaced(low, high, count),) for low, high in combinations(ends.tolist(), 2)]
-        return best_of(bracket, choices)(setup)
+        choices = [spaced(low, high, count) for low, high in combinations(ends.tolist(), 2)]
+        whole = [times for times in choices if _distinct(times, settings) == count]
+        return best_of(bracket, [(times,) for times in whole or choices])(setup)
 
     return start
+
+
+def _distinct(times_ms: FloatArray, settings_ms: FloatArray) -> int:
+    """Return how many different settings are nearest to exposure times."""
+    apart = np.abs(np.log(times_ms)[:, None] - np.log(settings_ms))
+    return len(np.unique(apart.argmin(axis=1)))
 
 
 for _count in (2, 3, 5):
