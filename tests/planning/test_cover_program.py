@@ -1,8 +1,13 @@
 """Cover programs of many views, held against every choice of captures that there is."""
 
 import math
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,3 +181,36 @@ def test_another_process_answers_as_this_one_does():
         assert process.start(impossible).result(timeout=60.0)["bound"] == math.inf
     finally:
         process.close()
+
+
+_LONG = """
+import numpy as np
+from scipy import sparse
+from exposight.planning.cover_program import Program
+from exposight.planning.cover_solver import cheapest_cover
+
+rng = np.random.default_rng(1)
+covers = (rng.random((300, 40 * 30)) < 0.05).astype(float)
+covers[~covers.any(axis=1), 0] = 1.0
+program = Program(
+    covers=sparse.csc_array(covers),
+    view=np.repeat(np.arange(40), 30),
+    cost=np.tile(np.linspace(1.0, 4.0, 30), 40),
+    move=np.full(40, 5.0),
+)
+print("begun", flush=True)
+cheapest_cover(program, limit_s=120.0)
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_solver_and_its_process_at_once():
+    process = subprocess.Popen([sys.executable, "-c", _LONG], stdout=-1, stderr=-1, text=True)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(5.0)  # scipy works in the other process by then, and would not hear of it here
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    solvers = children.read_text().split() if children.exists() else []
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20.0)
+    assert "KeyboardInterrupt" in errors
+    assert not any(Path(f"/proc/{each}").exists() for each in solvers)
