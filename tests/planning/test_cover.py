@@ -8,12 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exposight.errors import InputError
+from exposight.cell import Part, sensor_preset
+from exposight.errors import InputError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.planning import (
     CaptureChances,
     CaptureCosts,
     ExposureLimits,
+    plan,
     plan_exposures,
     trade_off,
 )
@@ -252,3 +254,20 @@ def test_views_without_features_and_names_there_twice_are_refused():
     if len(twice.features) > 1:
         with pytest.raises(InputError, match="feature of view 'v0': the name 'f0' is there twice"):
             plan_exposures([twice], LIMITS)
+
+
+def test_a_part_is_planned_from_models_and_poses(default_models, view):
+    part = Part(name="plate", features=tuple(each.feature for each in view("near").features))
+    views = {
+        "near": RigidTransform.from_fanuc_wpr((0.0, 0.0, 560.0), 0.0, 0.0, 0.0),
+        "tilted": RigidTransform.from_fanuc_wpr((0.0, 0.0, 640.0), 8.0, 4.0, 0.0),
+    }
+    made = plan(default_models, part, views, costs=COSTS, goal="time")
+    assert {each.feature for each in made.features} == {f"f{i}" for i in range(1, 10)}
+    assert made.n_captures == 1  # all holes of the plate are about as bright
+    assert {each.name for each in made.models} == {"quality", "exposure"}
+    behind = {"behind": RigidTransform.from_fanuc_wpr((0.0, 0.0, 600.0), 180.0, 0.0, 0.0)}
+    with pytest.raises(InputError, match="no view sees a feature of 'plate'"):
+        plan(default_models, part, behind)
+    with pytest.raises(SensorError, match="no model for this sensor"):
+        plan(default_models, part, views, sensor=sensor_preset("rc-visard-65"))

@@ -15,13 +15,11 @@ from exposight.cli.candidate_views import CandidateViews, candidate_views, is_pl
 from exposight.cli.exposure_options import ExposureOptions
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
-from exposight.errors import InputError, SensorError
 from exposight.models import P_NORM_MIN
 from exposight.planning import (
     CONFIDENCE,
     ExposurePlan,
     Goal,
-    ModelReference,
     Prefer,
     SensorModels,
     check_confidence,
@@ -29,13 +27,10 @@ from exposight.planning import (
     trade_off,
     write_exposure_plan,
 )
-from exposight.planning.beliefs import belief_of
+from exposight.planning.part_plan import check_same_sensor, model_references, view_chances
 from exposight.plans import write_plan
 from exposight.tables import Table, counted, number
 from exposight.workers import Progress
-
-_SETTINGS = 100
-"""Settings of each view to choose from; fewer cost captures, more gain nothing."""
 
 _NAMED = 3
 """So many failing features stand in the first line."""
@@ -165,7 +160,7 @@ def plan_command(
     sensor_models = SensorModels.load(*models)
     with progress_bars() as progress:
         candidates, remarks = where.read(sensor_models, auto, progress)
-        _check_sensor(sensor_models, candidates)
+        check_same_sensor(sensor_models, candidates.sensor, candidates.source)
         if measuring_plan is not None and not candidates.poses:
             msg = (
                 f"--measuring-plan needs to know where views are, which {where.views} does not tell"
@@ -175,11 +170,7 @@ def plan_command(
         costs = replace(exposures.costs, move_ms=move)
         rings = candidates.frame
         progress("forecasting", 0, 1)
-        belief = belief_of(sensor_models, rings, need, limits)
-        chances = [
-            belief.chances(str(view), frame["feature"].to_list(), _SETTINGS)
-            for (view,), frame in rings.group_by("view", maintain_order=True)
-        ]
+        chances = view_chances(sensor_models, rings, limits, need=need)
         progress("forecasting", 1, 1)
         sensor = candidates.sensor or sensor_models.sensor
         parts = rings["part"].drop_nulls().unique().to_list() if "part" in rings.columns else []
@@ -196,10 +187,7 @@ def plan_command(
             not_seen=candidates.hidden,
             sensor="" if sensor is None else sensor.name,
             part=str(parts[0]) if len(parts) == 1 else "",
-            models=[
-                ModelReference(name=name, sha256=sha256)
-                for name, sha256 in sensor_models.checksums.items()
-            ],
+            models=model_references(sensor_models),
             remarks=remarks,
             time_limit_s=time_limit,
             progress=progress,
@@ -258,20 +246,6 @@ def _files(
                 raise UsageError(msg)
             files.append(Written.at(path, kind, inputs=models))
     return tuple(files)
-
-
-def _check_sensor(models: SensorModels, candidates: CandidateViews) -> None:
-    sensor = candidates.sensor
-    if sensor is not None and models.sensor is not None and sensor.name != models.sensor.name:
-        msg = (
-            f"{candidates.source} is of sensor {sensor.name!r}, the models were trained on "
-            f"{models.sensor.name!r}: there is no model for this sensor; train one, or give views "
-            "of the other"
-        )
-        raise SensorError(msg)
-    if candidates.frame.height == 0:
-        msg = f"{candidates.source}: no view sees a feature"
-        raise InputError(msg)
 
 
 def _answer(plan: ExposurePlan) -> str:

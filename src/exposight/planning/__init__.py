@@ -20,6 +20,7 @@ from exposight.planning.exposure_plan import (
 from exposight.planning.forecasts import LIKELY, WANTED_BRIGHTNESS, Forecast
 from exposight.planning.model_scores import ModelScores
 from exposight.planning.outlook import FeatureOutlook, PlannedExposure
+from exposight.planning.part_plan import plan, view_chances
 from exposight.planning.path_search import Prefer
 from exposight.planning.recommendation import (
     CONFIDENCE,
