@@ -14,6 +14,7 @@ from exposight.planning.exposure_plan import (
     Promise,
     write_exposure_plan,
 )
+from exposight.twin import SimulatedCell
 
 RECORDED_MS = (1.0, 3.0, 6.0, 10.0, 16.0, 40.0)
 
@@ -141,6 +142,26 @@ def test_a_recording_that_lacks_an_exposure_time_says_so(
     ended = run("measure", path, *replay, "--open-loop", "-o", tmp_path / "door")
     assert ended.exit_code == 1
     assert "has view 'z600' at 1, 3, 6, 10, 16, 40 ms, not at 9 ms" in ended.stderr
+
+
+def test_the_simulated_cell_takes_settings_of_a_file_and_by_name(
+    exposure_plan, sheet_plan, scene, tmp_path, run_json
+):
+    pose = sheet_plan.views(SimulatedCell.for_plan(sheet_plan, scene=scene).part)[0]
+    capture = PlannedExposure(exposure_ms=100.0, set_value=100.0, set_unit="ms", order=1, covers=())
+    view = PlanView(name="v", camera_from_part=pose.camera_from_part, exposures=(capture,))
+    feature = FeatureOutlook(
+        feature="h0", status="planned", chance=0.9, view="v", exposure_ms=100.0
+    )
+    path, cell = tmp_path / "sheet.json", tmp_path / "cell.toml"
+    limits = ExposureLimits.of(sheet_plan.sensor)
+    changes = {"sensor": sheet_plan.sensor.name, "views": (view,), "features": (feature,)}
+    write_exposure_plan(path, replace(exposure_plan, limits=limits, **changes))
+    cell.write_text(f'scene = "{scene}"\n', "utf-8")
+    words = ("--driver", "simulated", "--open-loop", "--cell", cell, "--rings-only")
+    bright = run_json("measure", path, *words, "-o", tmp_path / "bright")
+    dim = run_json("measure", path, *words, "--lamp", 0.02, "-o", tmp_path / "dim")
+    assert (bright["achieved"], dim["achieved"]) == (1, 0)
 
 
 def test_a_simulated_cell_needs_a_sensor_that_somebody_describes(plan, run):

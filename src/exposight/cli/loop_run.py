@@ -12,7 +12,7 @@ import polars as pl
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
-from exposight.cell import CampaignFolder, Driver, sensor_named_or_read
+from exposight.cell import PRESETS, CampaignFolder, Driver
 from exposight.cli.app import UsageError
 from exposight.cli.merge import merge_command
 from exposight.cli.result import Result, Written, fact
@@ -170,16 +170,14 @@ def _simulated_cell(
     plan: ExposurePlan, models: SensorModels | None, loop: LoopOptions
 ) -> SimulatedCell:
     """Return the simulated cell with the plan's sensor, round whose features it is traced."""
-    sensor = None if models is None else models.sensor
-    if sensor is None or sensor.name != plan.sensor:
-        try:
-            sensor = sensor_named_or_read(plan.sensor)
-        except SensorError as error:
-            msg = (
-                f"nobody describes the plan's sensor {plan.sensor!r}: give --models that were "
-                "trained on it (exposight train --sensor)"
-            )
-            raise SensorError(msg) from error
+    known = [*PRESETS.values(), *([models.sensor] if models and models.sensor else [])]
+    sensor = {each.name: each for each in known}.get(plan.sensor)
+    if sensor is None:
+        msg = (
+            f"nobody describes the plan's sensor {plan.sensor!r}: give --models that were trained "
+            "on it (exposight train --sensor)"
+        )
+        raise SensorError(msg)
     folder = None if loop.cell is None else loop.cell.parent
     settings = SimulatedCellSettings.of_table(loop.simulated, folder, str(loop.cell or "options"))
     return SimulatedCell(sensor, settings, features=[each.feature for each in plan.features])
