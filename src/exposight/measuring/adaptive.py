@@ -170,6 +170,8 @@ def planned_loop(
         need=plan.target_p_norm,
         features=[each.feature for each in plan.features],
         views_of={each.feature: each.view for each in plan.features if each.view is not None},
+        costs=plan.costs,
+        goal=plan.goal,
     )
 
 

@@ -69,12 +69,11 @@ def corrected(
     covariance = covariance - gain @ covariance[rings]
     factor_all = math.exp(float(np.median(error))) if len(rings) else 1.0
     changed = best.cell > _GUESSES[0].cell or best.surface > 0.0
-    remark = (
-        f"the cell is {factor_all:.2g} times as bright as it was learnt: "
-        + ("another finish" if best.surface else "its lamp's power, or dirt")
-        if changed and len(rings)
-        else other_surface
-    )
+    remark = other_surface
+    if changed and len(rings):
+        remark = f"the cell is {factor_all:.2g} times as bright as it was learnt"
+        if best.surface:
+            remark = f"light is reflected otherwise than was learnt, {factor_all:.2g} times as much"
     source = list(forecast.source)
     for ring in rings:
         source[ring] = "pose and image"

@@ -27,8 +27,9 @@ from exposight.geometry import RigidTransform
 from exposight.observing import ObservationTable, View
 from exposight.planning.beliefs import Belief, belief_of
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.exposure_limits import ExposureLimits
-from exposight.planning.lookahead import DRAWS, after_misses, captures_left, served_in_draws
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.exposure_plan import Goal
+from exposight.planning.lookahead import DRAWS, after_misses, cost_left, served_in_draws
 from exposight.planning.loop_report import LoopReport, Outcome, OutcomeStatus, Request
 from exposight.planning.sensor_models import SensorModels
 from exposight.tables import counted, number
@@ -80,6 +81,11 @@ class ClosedLoop:
     carried : ObservationTable, optional
         Captures of other views that the same cell has just taken, which correct it from the start.
 
+    costs : CaptureCosts, optional
+        What captures take; exposure time alone by default.
+    goal : {"count", "time"}
+        What there shall be least of.
+
     Raises
     ------
     InputError
@@ -97,11 +103,14 @@ class ClosedLoop:
         poses: Mapping[str, RigidTransform] | None = None,
         not_seen: Mapping[str, str] | None = None,
         carried: ObservationTable | None = None,
+        costs: CaptureCosts | None = None,
+        goal: Goal = "count",
     ) -> None:
         if rings.height == 0:
             msg = "no view sees a feature: there is nothing to measure"
             raise InputError(msg)
         self.need, self.limits = need, limits
+        self._costs, self._goal = costs or CaptureCosts(), goal
         self._poses, self._not_seen = dict(poses or {}), dict(not_seen or {})
         self._order: list[str] = rings["view"].unique(maintain_order=True).to_list()
         self._features = _features_of(rings, self._order, views_of or {})
@@ -126,12 +135,14 @@ class ClosedLoop:
         need: float,
         features: Iterable[str] | None = None,
         views_of: Mapping[str, str] | None = None,
+        costs: CaptureCosts | None = None,
+        goal: Goal = "count",
     ) -> ClosedLoop:
         """Return the loop over the views of a part from some poses.
 
         Parameters
         ----------
-        models, limits, need, views_of
+        models, limits, need, views_of, costs, goal
             As for the class.
         part : Part
             What is measured.
@@ -170,6 +181,8 @@ class ClosedLoop:
             views_of=views_of,
             poses=poses,
             not_seen=not_seen,
+            costs=costs,
+            goal=goal,
         )
 
     # -- deciding -------------------------------------------------------------------------------
@@ -242,9 +255,11 @@ class ClosedLoop:
         if not len(keep):
             return None
         expected = chance[keep].sum(axis=0)
-        cost = -expected if served is None else 1.0 + captures_left(served[:, keep])
+        count = self._goal == "count"
+        each = np.array([1.0 if count else self._costs.capture_ms(t) for t in chances.settings_ms])
+        cost = -expected / each if served is None else each + cost_left(served[:, keep], each)
         cost = np.where(fresh & (expected >= WORTH_A_CAPTURE), cost, np.inf)
-        near = cost <= cost.min() + 1e-9
+        near = cost <= cost.min() + 1e-9 * abs(cost.min())
         extra = chance[n:].sum(axis=0)
         score = np.where(near, expected + 1e-2 * extra, -np.inf)
         alike = np.flatnonzero(score >= score.max() - 1e-3)

@@ -81,15 +81,17 @@ def after_misses(
     return out
 
 
-def captures_left(served: BoolArray) -> FloatArray:
-    """Return the mean number of captures that are needed after one at each setting, (m,).
+def cost_left(served: BoolArray, costs: FloatArray) -> FloatArray:
+    """Return the mean cost of the captures that are needed after one at each setting, (m,).
 
     Parameters
     ----------
     served : (d, n, m) ndarray of bool
         In which draws each setting serves each feature. Those that none serves do not count.
+    costs : (m,) ndarray
+        Of a capture at each setting, not falling; ones to count captures.
     """
-    return _captures_left(np.ascontiguousarray(served[:_SCENARIOS]))
+    return _cost_left(np.ascontiguousarray(served[:_SCENARIOS]), costs)
 
 
 def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
@@ -100,11 +102,11 @@ def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
 
 
 @njit()
-def _captures_left(served: BoolArray) -> FloatArray:  # pragma: no cover - compiled
-    """Count by sweeps from the left.
+def _cost_left(served: BoolArray, costs: FloatArray) -> FloatArray:  # pragma: no cover - compiled
+    """Add up the captures of sweeps from the left.
 
     Windows are intervals, so the sweep that takes the last setting of the first window to end needs
-    fewest.
+    fewest captures; each is then moved to the first setting that serves the same windows.
     """
     draws, n, m = served.shape
     total = np.zeros(m)
@@ -118,12 +120,17 @@ def _captures_left(served: BoolArray) -> FloatArray:  # pragma: no cover - compi
                     last[i] = j
         order = np.argsort(last)
         for t in range(m):
-            at, needed = -1, 0
+            at, earliest = -1, -1
             for k in range(n):
                 i = order[k]
-                if last[i] < 0 or served[d, i, t] or first[i] <= at:
+                if last[i] < 0 or served[d, i, t]:
                     continue
-                at = last[i]
-                needed += 1
-            total[t] += needed
+                if first[i] > at:
+                    if at >= 0:
+                        total[t] += costs[earliest]
+                    at, earliest = last[i], first[i]
+                else:
+                    earliest = max(earliest, first[i])
+            if at >= 0:
+                total[t] += costs[earliest]
     return total / draws

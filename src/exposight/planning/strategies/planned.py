@@ -22,7 +22,7 @@ def forecast_of(models: SensorModels, trial: Trial) -> Forecast:
     """Return what models expect of a view's features at all its settings, from their poses."""
     times_ms = trial.settings_ms.tolist()
     if isinstance(models.quality, WindowModel):
-        rings = models.quality.forecast(trial.poses, times_ms, need=trial.need)
+        rings = models.quality.forecast(trial.poses, times_ms, need=trial.need, correct=True)
         return Forecast.of(rings, trial.features)
     return chained_forecast(models.quality, models.exposure, trial.poses, times_ms, trial.need)
 
