@@ -227,6 +227,16 @@ def test_the_trade_off_rises_to_all_that_can_be_had():
         assert frame["features"][-1] == len(whole.with_status("planned"))
 
 
+def test_where_nothing_can_be_had_the_plan_is_empty_and_says_why():
+    views = [view_of("v", {"dark": (3000.0, 9000.0)})]
+    made = plan_exposures(views, LIMITS, COSTS)
+    assert (made.views, made.n_captures) == ((), 0)
+    assert made.verdict.startswith("take none")
+    assert "too dark" in made.features[0].reason
+    assert str(made)
+    assert trade_off(views, LIMITS, COSTS).frame.height == 0
+
+
 @pytest.mark.parametrize(
     ("question", "fact"),
     [

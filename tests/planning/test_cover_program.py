@@ -80,6 +80,11 @@ def test_most_features_within_a_budget_are_those_of_all_choices(program, budget)
     )
     choice = most_within(program, ones, budget)
     assert choice.worth == choice.bound == best
+    if choice.tangent is not None:
+        at, at_most, slope = choice.tangent
+        for x in all_choices(program):  # also beyond the budget
+            line = at_most + slope * (program.value(x) - at)
+            assert program.served(x).sum() <= line + 1e-6
     assert program.value(choice.taken) <= budget + 1e-6
     assert program.keeps_limits(choice.taken)
 

@@ -1,5 +1,6 @@
 """``exposight plan``: which exposures to take in which views of a part."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -275,7 +276,7 @@ def _facts(plan: ExposurePlan, candidates: CandidateViews) -> tuple[Fact, ...]:
             promise.expected_covered,
             f"{number(promise.expected_covered, 4)} of {counted(tried, 'feature')} that are tried, "
             f"{number(promise.expected_misses, 2)} to be missed; the chance that none is: "
-            f"{100 * promise.chance_of_all:.0f} % or more",
+            f"{math.floor(1000.0 * promise.chance_of_all) / 10.0:g} % or more",
         ),
         fact("promise", promise, ""),
         fact("certificate", plan.certificate, ""),

