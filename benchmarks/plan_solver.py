@@ -35,7 +35,12 @@ SEEDS = (1, 2, 3)
 SIGMA, CONFIDENCE = 0.1, 0.9
 FRAMES, OVERHEAD_MS, MOVE_MS = 12, 500.0, 3000.0
 
-SHEETS_MM = {"sparse": (3000.0, 1500.0), "medium": (2000.0, 1200.0), "dense": (1400.0, 900.0)}
+SHEETS_MM = {
+    "sparse": (3000.0, 1500.0),
+    "medium": (2000.0, 1200.0),
+    "uneven": (2000.0, 1200.0),
+    "dense": (1400.0, 900.0),
+}
 """The same number of holes and views on smaller sheets: a hole is seen from more of them."""
 
 _DISTANCE_MM, _BASE_MM, _FIELD_MM = 600.0, 250.0, (590.0, 390.0)
@@ -44,8 +49,8 @@ _DISTANCE_MM, _BASE_MM, _FIELD_MM = 600.0, 250.0, (590.0, 390.0)
 _GLOSS, _LOBE = 12.0, 0.15
 """Brightness at the lobe's top over that beside it, and its width, a slope; assumed."""
 
-_BESIDE = 0.1
-"""Standard deviation of ln brightness from hole to hole; assumed."""
+_BESIDE, _UNEVEN = 0.1, 0.3
+"""Standard deviation of ln brightness from hole to hole; assumed. Uneven parts are harder."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +62,7 @@ class Sheet:
     density: float
 
 
-def sheet(size_mm: tuple[float, float], seed: int) -> Sheet:
+def sheet(size_mm: tuple[float, float], seed: int, beside: float = _BESIDE) -> Sheet:
     """Make up a part and its views."""
     rng = np.random.default_rng(seed)
     holes = rng.uniform(0.0, 1.0, (FEATURES, 2)) * size_mm
@@ -94,7 +99,7 @@ def sheet(size_mm: tuple[float, float], seed: int) -> Sheet:
     off = 1.0 / (half * normals[:, None]).sum(-1).clip(0.05, 1.0) ** 2 - 1.0
     brightness = np.log(lit * (1.0 + _GLOSS * np.exp(-off / (2.0 * _LOBE**2))))
     brightness -= 2.0 * np.log(far / _DISTANCE_MM)
-    middle = np.log(110.0) - brightness + rng.normal(0.0, _BESIDE, (FEATURES, 1))
+    middle = np.log(110.0) - brightness + rng.normal(0.0, beside, (FEATURES, 1))
     middle += rng.normal(0.0, 0.05, (FEATURES, VIEWS))
     width = rng.normal(1.45, 0.1, (FEATURES, 1))  # ln: planning for p_norm of 0.75
     times_ms = np.asarray(np.geomspace(2.0, 700.0, TIMES), dtype=np.float64)
@@ -142,7 +147,7 @@ def solved(size: str, goal: str, limit_s: float, *, peer: bool = False) -> list[
     """Solve the parts of all seeds; by HiGHS without a cover to start from, as the peer."""
     runs = []
     for seed in SEEDS:
-        part = sheet(SHEETS_MM[size], seed)
+        part = sheet(SHEETS_MM[size], seed, _UNEVEN if size == "uneven" else _BESIDE)
         cpu, wall = _cpu_s(), time.perf_counter()
         program = program_of(part, goal)
         cover = cheapest_cover(program, limit_s=limit_s, incumbent=not peer)
@@ -217,6 +222,7 @@ def solver_figures(*, peers: bool = True) -> list[Figure]:
         ("sparse", "count", 10.0),
         ("medium", "count", 10.0),
         ("medium", "time", 10.0),
+        ("uneven", "count", 10.0),
         ("dense", "count", 20.0),
         ("dense", "time", 20.0),
     )
@@ -224,7 +230,7 @@ def solver_figures(*, peers: bool = True) -> list[Figure]:
     for size, goal, limit_s in wanted:
         say(f"planning: {size} parts, {goal}")
         runs += solved(size, goal, limit_s)
-        if peers and size != "dense":
+        if peers and size in {"sparse", "medium"}:
             runs += solved(size, goal, limit_s, peer=True)
     Console(width=110).print(_shown(runs))
 

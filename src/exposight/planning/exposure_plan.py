@@ -14,6 +14,7 @@ from exposight.errors import InputError, SensorError, did_you_mean
 from exposight.files import Checksum, DocumentFormat, read_text, write_durably
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.outlook import FeatureOutlook, PlannedExposure
+from exposight.planning.outlook_table import failures, outlook_frame, outlook_table
 from exposight.planning.path_search import Prefer
 from exposight.plans import MeasuringPlan, PoseList
 from exposight.tables import Column, Table, counted, number
@@ -29,16 +30,6 @@ _VIEW_COLUMNS = (
     Column(name="exposures_ms", label="exposures\nms"),
     Column(name="set_to", label="set to"),
     Column(name="features", label="serves\nfeatures"),
-)
-_FEATURE_COLUMNS = (
-    Column(name="feature"),
-    Column(name="status"),
-    Column(name="view"),
-    Column(name="exposure_ms", digits=4),
-    Column(name="chance", label="chance\n%", decimals=1, scale=100.0),
-    Column(name="window_low_ms", label="window from\nms", digits=3),
-    Column(name="window_high_ms", label="to\nms", digits=3),
-    Column(name="reason", wraps=True),
 )
 
 
@@ -275,39 +266,17 @@ class ExposurePlan:
     @property
     def notes(self) -> tuple[str, ...]:
         """Who fails and why, reasons that are alike together; and remarks."""
-        reasons: dict[str, list[str]] = {}
-        for each in self.features:
-            if each.reason:
-                chance = f" ({100 * each.chance:.0f} %)" if each.status == "best effort" else ""
-                reasons.setdefault(each.reason, []).append(f"{each.feature}{chance}")
-        return (
-            *(f"{', '.join(names)}: {reason}" for reason, names in reasons.items()),
-            *self.remarks,
-        )
+        return (*failures(self.features), *self.remarks)
 
     @property
     def frame(self) -> pl.DataFrame:
         """A row for each feature: columns as in `FeatureOutlook`, the window's ends apart."""
-        names = ("feature", "status", "view", "exposure_ms", "chance", "reason")
-        windows = [each.window_ms or (None, None) for each in self.features]
-        return pl.DataFrame(
-            {name: [getattr(each, name) for each in self.features] for name in names},
-            schema_overrides={"view": pl.String, "exposure_ms": pl.Float64, "chance": pl.Float64},
-        ).with_columns(
-            pl.Series("window_low_ms", [low for low, _ in windows], dtype=pl.Float64),
-            pl.Series("window_high_ms", [high for _, high in windows], dtype=pl.Float64),
-        )
+        return outlook_frame(self.features)
 
     @property
     def table(self) -> Table:
         """The features, those that fail first."""
-        frame = self.frame.with_columns(planned=pl.col("status") == "planned")
-        columns = _FEATURE_COLUMNS if any(each.reason for each in self.features) else None
-        return Table(
-            name="features",
-            frame=frame.sort("planned", "chance", "feature").drop("planned"),
-            columns=columns or _FEATURE_COLUMNS[:-1],
-        )
+        return outlook_table(self.features)
 
     @property
     def view_table(self) -> Table:

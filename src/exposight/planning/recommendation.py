@@ -26,8 +26,9 @@ from exposight.planning.outlook import (
     planned_exposures,
     targets_of,
 )
+from exposight.planning.outlook_table import failures, outlook_frame, outlook_table
 from exposight.planning.path_search import Path, Prefer, fewest_captures, most_served
-from exposight.tables import Column, Table, counted, number
+from exposight.tables import Table, counted, number
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -36,16 +37,6 @@ CONFIDENCE = 0.9
 
 _AS_GOOD = 1e-3
 """Chances that differ by less are taken as alike."""
-
-_COLUMNS = (
-    Column(name="feature"),
-    Column(name="status"),
-    Column(name="exposure_ms", digits=4),
-    Column(name="chance", label="chance\n%", decimals=1, scale=100.0),
-    Column(name="window_low_ms", label="window from\nms", digits=3),
-    Column(name="window_high_ms", label="to\nms", digits=3),
-    Column(name="reason", wraps=True),
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,41 +128,17 @@ class Recommendation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Who fails and why, reasons that are alike together; and remarks."""
-        reasons: dict[str, list[str]] = {}
-        for each in self.features:
-            if each.reason:
-                chance = f" ({100 * each.chance:.0f} %)" if each.status == "best effort" else ""
-                reasons.setdefault(each.reason, []).append(f"{each.feature}{chance}")
-        for name, reason in self.hidden.items():
-            reasons.setdefault(f"not seen, {reason}", []).append(name)
-        return (
-            *(f"{', '.join(names)}: {reason}" for reason, names in reasons.items()),
-            *self.remarks,
-        )
+        return (*failures(self.features, self.hidden), *self.remarks)
 
     @property
     def frame(self) -> pl.DataFrame:
         """A row for each feature: columns as in `FeatureOutlook`, the window's ends apart."""
-        windows = [each.window_ms or (None, None) for each in self.features]
-        names = ("feature", "status", "chance", "view", "exposure_ms", "reason")
-        types = {"exposure_ms": pl.Float64, "chance": pl.Float64}
-        return pl.DataFrame(
-            {name: [getattr(each, name) for each in self.features] for name in names},
-            schema_overrides=types,
-        ).with_columns(
-            pl.Series("window_low_ms", [low for low, _ in windows], dtype=pl.Float64),
-            pl.Series("window_high_ms", [high for _, high in windows], dtype=pl.Float64),
-        )
+        return outlook_frame(self.features)
 
     @property
     def table(self) -> Table:
         """The features, those that fail first."""
-        order = pl.Series([each.status == "planned" for each in self.features])
-        frame = self.frame.with_columns(order.alias("_planned")).sort(
-            "_planned", "chance", "feature"
-        )
-        columns = _COLUMNS if any(each.reason for each in self.features) else _COLUMNS[:-1]
-        return Table(name="features", frame=frame.drop("_planned"), columns=columns)
+        return outlook_table(self.features, of_one_view=True)
 
     def __str__(self) -> str:
         return "\n".join((self.verdict, str(self.table), *self.notes))
