@@ -132,6 +132,7 @@ def _program(chances: CaptureChances, targets: FloatArray, costs: FloatArray) ->
         cost,
         integrality=np.ones(len(arcs)),
         bounds=Bounds(0.0, 1.0),
+        options={"mip_rel_gap": 0.0},
         constraints=[
             LinearConstraint(flow, source, source),
             LinearConstraint(gain, np.where(targets > 0.0, targets - 1e-9, -np.inf), np.inf),
