@@ -12,6 +12,7 @@ from picture_of_brightness import draw_brightness
 from picture_of_door import draw_door
 from picture_of_exposures import draw_exposures
 from picture_of_forecasts import draw_forecasts
+from picture_of_recommendation import draw_recommendation
 from picture_of_skull import draw_skull
 from picture_style import set_style
 
@@ -29,6 +30,7 @@ def main() -> None:
     draw_exposures(scene, tracer)
     draw_brightness(scene)
     draw_forecasts()
+    draw_recommendation()
     try:
         draw_skull()
     except MissingFileError as error:

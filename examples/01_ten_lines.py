@@ -1,4 +1,4 @@
-"""Ten lines: a campaign becomes models, and a view is judged before anything is taken there.
+"""Ten lines: a campaign becomes models, which plan captures and correct themselves while measuring.
 
 The campaign is taken by the simulated cell first, so that there is one.
 """
@@ -28,7 +28,7 @@ PLAN = MeasuringPlan(
 
 
 def main(folder: Path) -> None:
-    """Measure, learn from the measurement, and forecast a view."""
+    """Measure, learn from the measurement, recommend, plan, and measure in a closed loop."""
     driver = SimulatedCell.for_plan(PLAN, rings_only=True)
     xs.measure(PLAN, driver, folder / "door")
 
@@ -36,10 +36,12 @@ def main(folder: Path) -> None:
     train, test = campaign.observe().split(by="feature", share=0.75, seed=1)
     models = xs.train(train, sensor=campaign.sensor)
     print(models.evaluate(test))
-    pose = next(campaign.captures()).camera_from_part
-    view = campaign.view(pose)
-    forecast = models.forecast(view)
-    print(forecast)
+    poses = {each.view: each.camera_from_part for each in campaign.descriptions()}
+    view = campaign.view(poses["middle-x1-y1"])
+    print(models.recommend(view, confidence=0.9))
+    plan = xs.plan(models, campaign.part, poses)
+    print(plan)
+    print(xs.measure(plan, driver, folder / "new", models=models))
 
 
 if __name__ == "__main__":
