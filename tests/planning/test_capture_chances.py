@@ -67,7 +67,6 @@ def test_gains_along_a_path_add_up(places: list[int]) -> None:
 def test_the_same_exposure_time_twice_gains_nothing() -> None:
     each = chances(0.4)
     assert each.any_of([20, 20]) == pytest.approx(each.chance[:, 20])
-    assert each.both([20, 20])[0] == pytest.approx(each.chance[0, 20])
 
 
 def test_a_pair_nearly_a_window_apart_is_surest() -> None:

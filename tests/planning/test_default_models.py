@@ -47,7 +47,7 @@ def test_exposure_times_reach_from_too_short_to_too_long(default_models, view):
 
 def test_what_is_far_from_anything_learnt_is_said(default_models, view, monkeypatch):
     # In a world this smooth nothing lies a length scale from what was learnt.
-    monkeypatch.setattr("exposight.models.radiance_model.FAR", 0.0)
+    monkeypatch.setattr("exposight.models.abstaining.FAR", 0.0)
     forecast = default_models.forecast(view("away", 700.0, 20.0), (40.0,))
     assert not forecast.knows.any()
     assert "length scales from anything learnt; a capture of this view" in forecast.notes[0]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from exposight import __version__
 from exposight.errors import ObservationError
 from exposight.gp import GaussianProcess, kernel_from_dict
+from exposight.models.abstaining import FAR, far_away
 from exposight.models.evaluation import check_exposures
 from exposight.models.log_radiance import Formula, LogRadiance
 from exposight.models.origin import ORIGIN_COLUMNS, Origin
@@ -42,9 +43,6 @@ QUALITY, EXPOSURE = "quality", "exposure"
 _NAMES = ("feature", "view")
 _CLIPPED = "the ring clips: its brightness is that of no exposure time"
 
-FAR = 1.0
-"""Learnt length scales beyond which nothing was learnt."""
-
 _FEW_GROUPS = 4
 """Features or views below which a band rests on hardly anything."""
 
@@ -53,28 +51,6 @@ _POOR = 0.15
 
 CHUNK = 100
 """Rings that are forecast at once."""
-
-
-CURVED = (
-    "a sphere's cap is curved, and what was learnt holds of flat rings; a trial capture shows it"
-)
-
-
-def curved(frame: pl.DataFrame) -> frozenset[str]:
-    """Return the features of a frame whose measured surface is not flat."""
-    if "kind" not in frame.columns:
-        return frozenset()
-    return frozenset(frame["feature"].filter(frame["kind"] == "sphere"))
-
-
-def far_away(distance: float, telling_ms: float | None = None) -> str:
-    """Say that nothing was learnt near a ring, and what capture would help; else nothing."""
-    if distance <= FAR:
-        return ""
-    at = "" if telling_ms is None else f" at about {telling_ms:.3g} ms"
-    return (
-        f"{distance:.1f} length scales from anything learnt; a capture of this view{at} would tell"
-    )
 
 
 @register_predictor

@@ -273,14 +273,6 @@ class RingForecast:
         out: FloatArray = self.black_level + np.exp(self._brightness + z * self.std[:, None])
         return out
 
-    def best_for_all(self) -> tuple[float, FloatArray]:
-        """Return the exposure time with most rings expected to reach `need`, and their chances.
-
-        Of equally good ones the middle one, ms; rings that are not known do not count.
-        """
-        index = best_exposure(self.chance, self.knows)
-        return float(self.exposures_ms[index]), self.chance[:, index]
-
     @property
     def frame(self) -> pl.DataFrame:
         """One row for each ring and exposure time.

@@ -9,11 +9,12 @@ import polars as pl
 
 from exposight.cell import PRESETS, ActiveSensor
 from exposight.errors import InputError, ObservationError
+from exposight.models.abstaining import curved
 from exposight.models.evaluation import check_exposures, check_rows
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.origin import Origin
 from exposight.models.predictor import Provenance
-from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel, curved
+from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
 from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
 from exposight.models.ring_data import ring_data

@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import InputError, ObservationError
+from exposight.models.abstaining import CURVED, curved, far_away
 from exposight.models.correction import corrected
 from exposight.models.evaluation import check_exposures
 from exposight.models.prediction import Prediction
@@ -20,13 +21,7 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
-from exposight.models.radiance_model import (
-    CHUNK,
-    CURVED,
-    RadianceModel,
-    curved,
-    far_away,
-)
+from exposight.models.radiance_model import CHUNK, RadianceModel
 from exposight.models.response_curve import ResponseCurve
 from exposight.models.ring_forecast import RingForecast
 from exposight.models.ring_light import Rings

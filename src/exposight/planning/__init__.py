@@ -28,7 +28,8 @@ from exposight.planning.recommendation import (
     check_confidence,
     recommend,
 )
-from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels, train
+from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels
+from exposight.planning.sensor_training import train
 from exposight.planning.strategies import Setup, Strategy, Trial, strategy
 from exposight.planning.sweeps import Sweep
 from exposight.planning.trade_off import trade_off

@@ -308,19 +308,6 @@ class CaptureChances:
         """
         return np.maximum(self.lasts - self.chance, 0.0)
 
-    def both(self, places: Sequence[int]) -> FloatArray:
-        """Return the chances that two captures both serve, (n, q, q), for q settings' places."""
-        places = list(places)
-        if not len(self.weights):
-            chosen = self.chance[:, places]
-            return np.minimum(chosen[:, :, None], chosen[:, None, :])
-        upper = np.einsum(
-            "c,ncs,nct->nst", self.weights, self.begun[:, :, places], self.lasting[:, :, places]
-        )
-        later = np.asarray(places)[:, None] <= np.asarray(places)[None, :]
-        out: FloatArray = np.where(later, upper, np.swapaxes(upper, 1, 2))
-        return out
-
     def any_of(self, places: Sequence[int]) -> FloatArray:
         """Return the chance that at least one of some captures serves, (n,).
 

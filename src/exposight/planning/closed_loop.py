@@ -31,6 +31,7 @@ from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
 from exposight.planning.lookahead import DRAWS, after_misses, cost_left, served_in_draws
 from exposight.planning.loop_report import LoopReport, Outcome, OutcomeStatus, Request
+from exposight.planning.outlook import why_not
 from exposight.planning.sensor_models import SensorModels
 from exposight.tables import counted, number
 
@@ -301,28 +302,17 @@ class ClosedLoop:
 
     def _close(self, name: str, view: str, chances: CaptureChances, i: int, *, tired: bool) -> None:
         self._closed.add((name, view))
-        feature = self._features[name]
         missed = self._missed.get((name, view), [])
         low, high = chances.windows_ms[i].tolist()
-        limits = self.limits
-        window = f"{number(low, 3)}–{number(high, 3)} ms"
-        if tired or (missed and any(low <= each <= high for each in missed)):
+        if tired or any(low <= each <= high for each in missed):
             times = ", ".join(number(each) for each in missed)
             reason = (
                 f"missed at {times} ms although its brightness was right: hidden, out of place, or "
                 "not as the pose says"
             )
-        elif chances.reasons[i]:
-            reason = chances.reasons[i]
-        elif chances.never and chances.never[i]:
-            reason = chances.never[i]
-        elif low > limits.max_ms:
-            reason = f"too dark: needs {window}, the longest is {number(limits.max_ms)} ms"
-        elif high < limits.min_ms:
-            reason = f"too bright: needs {window}, the shortest is {number(limits.min_ms)} ms"
         else:
-            reason = limits.why_none(low, high) or f"not at {window}"
-        feature.reason = f"{view}: {reason}"
+            reason = chances.reasons[i] or why_not(chances, i, self.limits, possible=False)
+        self._features[name].reason = f"{view}: {reason}"
 
     def _explain(self, view: str, reason: str) -> None:
         for name in self._wanted(view):

@@ -18,7 +18,6 @@ from exposight.models import (
     MODEL_SUFFIX,
     P_NORM_MIN,
     QUALITY,
-    MeanKind,
     ModelSpecification,
     Predictor,
     RadianceModel,
@@ -26,11 +25,8 @@ from exposight.models import (
     WindowModel,
     evaluate,
     load_model,
-    model_named,
     model_sha256,
     save_model,
-    train_all,
-    train_window,
 )
 from exposight.observing import ObservationTable, View, Visibility
 from exposight.planning.chain import ChainedQuality, chained_forecast
@@ -41,7 +37,6 @@ from exposight.planning.path_search import Prefer
 from exposight.planning.recommendation import CONFIDENCE, Recommendation
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
-from exposight.workers import Progress, ignore_progress
 
 DEFAULT_MODELS = (QUALITY, EXPOSURE)
 """What `train` and ``exposight train`` train, and reports forecast with where they are at hand."""
@@ -315,7 +310,7 @@ class SensorModels:
         models = [load_model(file) for file in files]
         if len(models) == 1 and isinstance(models[0], WindowModel):
             return cls(quality=models[0])
-        quality, exposure = _one_of_each(models)
+        quality, exposure = one_of_each(models)
         return cls(quality=quality, exposure=exposure)
 
     @property
@@ -354,7 +349,7 @@ def _only_view(trial: ObservationTable) -> str:
 _Model = TypeVar("_Model", "Predictor", "ModelSpecification")
 
 
-def _one_of_each(models: Sequence[_Model]) -> tuple[_Model, _Model]:
+def one_of_each(models: Sequence[_Model]) -> tuple[_Model, _Model]:
     """Return the quality model and the exposure-time model of two."""
     by_target = {each.target: each for each in models}
     if len(models) != 2 or set(by_target) != {"p_norm", "exposure_ms"}:
@@ -365,68 +360,3 @@ def _one_of_each(models: Sequence[_Model]) -> tuple[_Model, _Model]:
         )
         raise InputError(msg)
     return by_target["p_norm"], by_target["exposure_ms"]
-
-
-def train(
-    table: ObservationTable,
-    *,
-    models: Sequence[str | ModelSpecification] = DEFAULT_MODELS,
-    seed: int = 1,
-    sensor: ActiveSensor | None = None,
-    restarts: int = 3,
-    workers: int = 1,
-    cluster: str | None = None,
-    mean: MeanKind | None = None,
-    start_from: WindowModel | None = None,
-    progress: Progress = ignore_progress,
-) -> SensorModels:
-    """Train a quality model and an exposure-time model on observations of one sensor.
-
-    Parameters
-    ----------
-    table : ObservationTable
-    models : sequence of str or ModelSpecification
-        The two default models, which are trained together; or one model that predicts p_norm and
-        one that predicts the exposure time: names of the paper's, or one's own specifications.
-    seed : int
-        Random seed of the optimiser's restarts; the default models need none.
-    sensor : ActiveSensor, optional
-        The sensor of the observations; kept in the models. The default models take the preset that
-        the table names if it is left out.
-    restarts, workers, cluster
-        Of the paper's models: starts of the optimiser, and as for `exposight.models.run_trainings`,
-        and so are further errors. More than one worker needs ``if __name__ == "__main__":`` around
-        what a script does.
-    mean, start_from
-        Of the default models: as for `exposight.models.train_window`.
-    progress : Progress
-
-    Raises
-    ------
-    InputError
-        If a model is unknown, or there is not one for each of quality and exposure time.
-    ObservationError
-        If the observations are too few, none was measured, or they are of several sensors or
-        finishes.
-    """
-    if all(isinstance(each, str) and each in DEFAULT_MODELS for each in models):
-        progress("training models", 0, 1)
-        quality = train_window(table, sensor=sensor, mean=mean, start_from=start_from, seed=seed)
-        progress("training models", 1, 1)
-        return SensorModels(quality=quality)
-    specifications = [model_named(each) if isinstance(each, str) else each for each in models]
-    if mean is not None or start_from is not None:
-        names = ", ".join(each.name for each in specifications)
-        msg = f"mean and start_from are of the default models, got them for {names}"
-        raise InputError(msg)
-    of_paper = train_all(
-        _one_of_each(specifications),
-        table,
-        seed=seed,
-        sensor=sensor,
-        restarts=restarts,
-        workers=workers,
-        cluster=cluster,
-        progress=progress,
-    )
-    return SensorModels(quality=of_paper[0], exposure=of_paper[1])

@@ -1,7 +1,6 @@
 """Ways to choose exposure times, each in a few lines, for `exposight.planning.compare`."""
 
 from exposight.planning.strategies import (
-    adaptive,
     brackets,
     clusters,
     one_exposure,
@@ -9,6 +8,7 @@ from exposight.planning.strategies import (
     pixel_intervals,
     planned,
     regions,
+    searching,
 )
 from exposight.planning.strategies.contract import (
     STRATEGIES,
