@@ -255,6 +255,11 @@ def solver_figures(*, peers: bool = True) -> list[Figure]:
             1.0,
             "exposures, within 10 s",
         ),
+        Figure(
+            name="plan_uneven_count_gap",
+            value=middle("uneven", "count", lambda _, cover: cover.objective - cover.lower_bound),
+            unit="exposures, within 10 s",
+        ),
         at_most(
             "plan_time_gap", middle("medium", "time", lambda _, cover: cover.gap), 0.03, "in 10 s"
         ),

@@ -22,7 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Part
-from exposight.errors import InputError, ObservationError
+from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.observing import ObservationTable, View
 from exposight.planning.beliefs import Belief, belief_of
@@ -30,7 +30,13 @@ from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
 from exposight.planning.lookahead import DRAWS, after_misses, cost_left, served_in_draws
-from exposight.planning.loop_report import LoopReport, Outcome, OutcomeStatus, Request
+from exposight.planning.loop_report import (
+    LoopReport,
+    Outcome,
+    OutcomeStatus,
+    Request,
+    one_capture,
+)
 from exposight.planning.outlook import why_not
 from exposight.planning.sensor_models import SensorModels
 from exposight.tables import counted, number
@@ -334,7 +340,7 @@ class ClosedLoop:
         ObservationError
             If it is of no view, or of several captures.
         """
-        view, exposure_ms = _one_capture(rows, self._order)
+        view, exposure_ms = one_capture(rows, self._order)
         self._captures += 1
         self._taken[view].append(exposure_ms)
         self._request, self._view = None, view
@@ -421,15 +427,3 @@ def _features_of(
         name: _Feature(views=sorted(each, key=lambda v: (v != planned.get(name), place[v])))
         for name, each in views.items()
     }
-
-
-def _one_capture(rows: ObservationTable, views: list[str]) -> tuple[str, float]:
-    captures = rows.frame.select("view", "exposure_ms").unique()
-    if captures.height != 1:
-        msg = f"expected the rows of one capture, got {captures.height} captures"
-        raise ObservationError(msg)
-    view, exposure_ms = captures.row(0)
-    if view not in views:
-        msg = f"the capture is of view {view!r}, which the plan does not have: {', '.join(views)}"
-        raise ObservationError(msg)
-    return str(view), float(exposure_ms)

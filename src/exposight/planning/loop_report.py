@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
 import polars as pl
 
+from exposight.errors import ObservationError
 from exposight.geometry import RigidTransform
+from exposight.observing import ObservationTable
 from exposight.tables import Column, Table, counted
 
 OutcomeStatus = Literal["had", "open", "given up", "not seen"]
@@ -145,3 +148,22 @@ class LoopReport:
 
     def _repr_html_(self) -> str:
         return f"<p>{self.verdict}</p>{self.table._repr_html_()}"
+
+
+def one_capture(rows: ObservationTable, views: Collection[str]) -> tuple[str, float]:
+    """Return the view and the exposure time in ms of one capture's rows.
+
+    Raises
+    ------
+    ObservationError
+        If they are of several captures, or of none of the views.
+    """
+    captures = rows.frame.select("view", "exposure_ms").unique()
+    if captures.height != 1:
+        msg = f"expected the rows of one capture, got {captures.height} captures"
+        raise ObservationError(msg)
+    view, exposure_ms = captures.row(0)
+    if view not in views:
+        msg = f"the capture is of view {view!r}, which the plan does not have: {', '.join(views)}"
+        raise ObservationError(msg)
+    return str(view), float(exposure_ms)
