@@ -21,7 +21,7 @@ from benchmarks.models_campaigns import COMET, SEEDS, WORKERS
 from benchmarks.models_learnt import papers
 from benchmarks.plan_campaigns import SWEEPS, sweep_of, training_table
 from exposight.planning import Comparison, SensorModels, Sweep, compare, train
-from exposight.planning.strategies import STRATEGIES
+from exposight.planning.comparing.strategies import STRATEGIES
 from exposight.workers import LocalProcesses
 
 LAMPS = ("lamp_dim", "lamp_bright")

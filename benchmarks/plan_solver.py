@@ -2,8 +2,8 @@
 
 Parts are made up: holes on a gently curved sheet, a camera 600 mm before it with a projector beside
 it, and a glossy lobe about the half vector, which decides from where a hole is bright. So exposure
-times of neighbours are alike, as on the door. What is solved is `exposight.planning.cover_solver`,
-after the exact reduction; HiGHS alone is the peer.
+times of neighbours are alike, as on the door. What is solved is
+`exposight.planning.covering.cover_solver`, after the exact reduction; HiGHS alone is the peer.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from scipy import sparse
 from scipy.special import ndtr
 
 from benchmarks.measuring import Figure, at_most, say
-from exposight.planning.cover_program import Program, useful_settings
-from exposight.planning.cover_search import search
-from exposight.planning.cover_solver import Cover, cheapest_cover
+from exposight.planning.covering.cover_program import Program, useful_settings
+from exposight.planning.covering.cover_search import search
+from exposight.planning.covering.cover_solver import Cover, cheapest_cover
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 FloatArray: TypeAlias = NDArray[np.float64]

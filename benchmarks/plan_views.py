@@ -1,4 +1,4 @@
-"""Views chosen by `exposight.planning.viewpoints`, and a plan over them executed on known outcomes.
+"""Views chosen by `exposight.planning.viewing.viewpoints`, a plan over them, known outcomes.
 
 30 holes of the simulated door, 48 poses that nobody chose by hand, a plan of forecasts over them,
 against the plan of somebody who knows every outcome.
@@ -23,9 +23,9 @@ from exposight.models import P_NORM_MIN, train_window
 from exposight.observing import ObservationTable
 from exposight.planning import CaptureCosts, ExposureLimits
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.cover import plan_exposures
+from exposight.planning.covering.cover import plan_exposures
 from exposight.planning.exposure_plan import ExposurePlan
-from exposight.planning.viewpoints import CandidateViewpoints, candidate_views
+from exposight.planning.viewing.viewpoints import CandidateViewpoints, candidate_views
 from exposight.plans import MeasuringPlan, PoseList
 from exposight.twin import SimulatedCell
 from exposight.twin.simulated_cell import scene_at

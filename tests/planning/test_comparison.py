@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from exposight.errors import FormatError, InputError, ObservationError
 from exposight.observing import ObservationTable
 from exposight.planning import CaptureCosts, ExposureLimits
-from exposight.planning.comparison import compare
-from exposight.planning.comparison_files import read_comparison, write_comparison
-from exposight.planning.strategies import STRATEGIES, Trial, strategies_named, strategy
-from exposight.planning.strategies.clusters import means
-from exposight.planning.strategies.oracle import least_cover
-from exposight.planning.sweeps import Sweep
+from exposight.planning.comparing.comparison import compare
+from exposight.planning.comparing.comparison_files import read_comparison, write_comparison
+from exposight.planning.comparing.strategies import STRATEGIES, Trial, strategies_named, strategy
+from exposight.planning.comparing.strategies.clusters import means
+from exposight.planning.comparing.strategies.oracle import least_cover
+from exposight.planning.comparing.sweeps import Sweep
 
 TIMES_MS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
 LOW, HIGH = 20.0, 120.0
@@ -245,7 +245,7 @@ def test_intervals_hold_the_score_and_shrink_with_views():
 
 
 def test_costs_are_counted_as_given(sweep):
-    from exposight.planning.strategies import MeasuringCosts
+    from exposight.planning.comparing.strategies import MeasuringCosts
 
     costs = MeasuringCosts(capture=CaptureCosts(frames=1), trial_image=CaptureCosts(frames=1))
     assert compare(sweep, [], costs=costs).outcomes[0].time_s == pytest.approx(0.032)

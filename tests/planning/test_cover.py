@@ -19,7 +19,7 @@ from exposight.planning import (
     plan_exposures,
     trade_off,
 )
-from exposight.planning.visiting_order import visiting_order
+from exposight.planning.covering.visiting_order import visiting_order
 
 LIMITS = ExposureLimits(name="whole ms", min_ms=1.0, max_ms=1000.0, increment_ms=1.0, unit="us")
 COSTS = CaptureCosts(frames=12, overhead_ms=500.0, move_ms=3000.0)

@@ -15,11 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from exposight.planning.cover_budget import greedy_choices, most_within
-from exposight.planning.cover_program import Program, useful_settings
-from exposight.planning.cover_search import search
-from exposight.planning.cover_solver import cheapest_cover
-from exposight.planning.highs_process import HighsProcess, solve_arrays
+from exposight.planning.covering.cover_budget import greedy_choices, most_within
+from exposight.planning.covering.cover_program import Program, useful_settings
+from exposight.planning.covering.cover_search import search
+from exposight.planning.covering.cover_solver import cheapest_cover
+from exposight.planning.covering.highs_process import HighsProcess, solve_arrays
 
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
@@ -191,8 +191,8 @@ def test_another_process_answers_as_this_one_does():
 _LONG = """
 import numpy as np
 from scipy import sparse
-from exposight.planning.cover_program import Program
-from exposight.planning.cover_solver import cheapest_cover
+from exposight.planning.covering.cover_program import Program
+from exposight.planning.covering.cover_solver import cheapest_cover
 
 rng = np.random.default_rng(1)
 covers = (rng.random((300, 40 * 30)) < 0.05).astype(float)

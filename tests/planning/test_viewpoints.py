@@ -13,9 +13,14 @@ from exposight.errors import FeatureError, InputError
 from exposight.geometry import HollowCylinder, RigidTransform
 from exposight.geometry.meshes import Mesh
 from exposight.observing import View
-from exposight.planning.ring_visibility import RingVisibility, Sight, ViewingLimits, ring_points
-from exposight.planning.sensor_poses import ReachBox
-from exposight.planning.viewpoints import candidate_views
+from exposight.planning.viewing.ring_visibility import (
+    RingVisibility,
+    Sight,
+    ViewingLimits,
+    ring_points,
+)
+from exposight.planning.viewing.sensor_poses import ReachBox
+from exposight.planning.viewing.viewpoints import candidate_views
 
 COMET, VISARD = sensor_preset("comet-pro-ae"), sensor_preset("rc-visard-65")
 INTO_PLATE = np.diag([1.0, -1.0, -1.0])

@@ -15,8 +15,8 @@ from exposight.cli.candidate_views import CandidateViews
 from exposight.cli.measure import plan_from
 from exposight.geometry import RigidTransform
 from exposight.geometry.meshes import read_mesh, unit_of
-from exposight.planning.sensor_poses import ReachBox
-from exposight.planning.viewpoints import CandidateViewpoints, candidate_views
+from exposight.planning.viewing.sensor_poses import ReachBox
+from exposight.planning.viewing.viewpoints import CandidateViewpoints, candidate_views
 from exposight.workers import Progress, ignore_progress
 
 AUTO = "auto"

@@ -27,7 +27,7 @@ from exposight.planning import (
     read_comparison,
     write_comparison,
 )
-from exposight.planning.strategies import STRATEGIES
+from exposight.planning.comparing.strategies import STRATEGIES
 from exposight.plans import plan_preset
 from exposight.report import write_comparison_page
 from exposight.twin import SimulatedCell

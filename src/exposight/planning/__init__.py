@@ -2,9 +2,12 @@
 
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.chain import ChainedQuality, chained_forecast, with_chains
-from exposight.planning.comparison import Comparison, compare
-from exposight.planning.comparison_files import read_comparison, write_comparison
-from exposight.planning.cover import plan_exposures
+from exposight.planning.comparing.comparison import Comparison, compare
+from exposight.planning.comparing.comparison_files import read_comparison, write_comparison
+from exposight.planning.comparing.strategies import Setup, Strategy, Trial, strategy
+from exposight.planning.comparing.sweeps import Sweep
+from exposight.planning.covering.cover import plan_exposures
+from exposight.planning.covering.trade_off import trade_off
 from exposight.planning.exposure_limits import PROFILES, CaptureCosts, ExposureLimits, limits_named
 from exposight.planning.exposure_plan import (
     Certificate,
@@ -30,6 +33,3 @@ from exposight.planning.recommendation import (
 )
 from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels
 from exposight.planning.sensor_training import train
-from exposight.planning.strategies import Setup, Strategy, Trial, strategy
-from exposight.planning.sweeps import Sweep
-from exposight.planning.trade_off import trade_off

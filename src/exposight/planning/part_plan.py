@@ -14,7 +14,7 @@ from exposight.models import P_NORM_MIN
 from exposight.observing import View
 from exposight.planning.beliefs import belief_of
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.cover import plan_exposures
+from exposight.planning.covering.cover import plan_exposures
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import ExposurePlan, ModelReference
 from exposight.planning.recommendation import CONFIDENCE

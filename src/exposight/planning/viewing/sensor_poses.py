@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from exposight.cell import ActiveSensor
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
-from exposight.planning.ring_visibility import RingVisibility, ViewingLimits
+from exposight.planning.viewing.ring_visibility import RingVisibility, ViewingLimits
 
 FloatArray: TypeAlias = NDArray[np.float64]
 

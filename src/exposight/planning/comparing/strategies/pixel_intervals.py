@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from exposight.errors import ObservationError
 from exposight.observing import ObservationTable
-from exposight.planning.strategies.contract import FloatArray, Method, Trial, register
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import FloatArray, Method, Trial, register
+from exposight.planning.comparing.strategies.rehearsal import best_of
 from exposight.quantities import STACK_PERCENTS
 
 _MAXIMUM = tuple(f"i_max_p{each:02d}" for each in STACK_PERCENTS)

@@ -19,9 +19,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.planning.cover_program import Linear, Program
-from exposight.planning.cover_search import search
-from exposight.planning.highs_process import HighsProcess, solve_arrays
+from exposight.planning.covering.cover_program import Linear, Program
+from exposight.planning.covering.cover_search import search
+from exposight.planning.covering.highs_process import HighsProcess, solve_arrays
 from exposight.workers import Progress, ignore_progress
 
 BoolArray: TypeAlias = NDArray[np.bool_]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.observing import ObservationTable
-from exposight.planning.strategies.contract import Trial
+from exposight.planning.comparing.strategies.contract import Trial
 
 FloatArray: TypeAlias = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from exposight.cell import ActiveSensor
 from exposight.errors import InputError, did_you_mean
 from exposight.observing import ObservationTable
+from exposight.planning.comparing.sweeps import Sweep, SweepView
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.sensor_models import SensorModels
-from exposight.planning.sweeps import Sweep, SweepView
 from exposight.tables import counted, number
 
 FloatArray: TypeAlias = NDArray[np.float64]

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from exposight.files import DocumentFormat, make_folder, read_text, write_durably
-from exposight.planning.comparison import Comparison
-from exposight.planning.view_outcomes import ViewOutcome
+from exposight.planning.comparing.comparison import Comparison
+from exposight.planning.comparing.view_outcomes import ViewOutcome
 
 RESULTS = "results.json"
 SCORES = "results.csv"

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.cover_budget import most_within
-from exposight.planning.cover_demand import Demand, demand_of
-from exposight.planning.cover_solver import cheapest_cover
+from exposight.planning.covering.cover_budget import most_within
+from exposight.planning.covering.cover_demand import Demand, demand_of
+from exposight.planning.covering.cover_solver import cheapest_cover
+from exposight.planning.covering.visiting_order import visiting_order
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import (
     Certificate,
@@ -34,7 +35,6 @@ from exposight.planning.outlook import (
 )
 from exposight.planning.path_search import Path, Prefer, cheapest_captures
 from exposight.planning.recommendation import CONFIDENCE, check_confidence, chosen_path
-from exposight.planning.visiting_order import visiting_order
 from exposight.workers import Progress, ignore_progress
 
 FloatArray: TypeAlias = NDArray[np.float64]

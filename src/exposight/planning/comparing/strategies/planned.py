@@ -8,11 +8,11 @@ from exposight.models import WindowModel
 from exposight.observing import ObservationTable
 from exposight.planning.chain import chained_forecast
 from exposight.planning.closed_loop import ClosedLoop
+from exposight.planning.comparing.strategies.contract import Method, Setup, Trial, register
 from exposight.planning.exposure_limits import ExposureLimits
 from exposight.planning.forecasts import Forecast
 from exposight.planning.recommendation import recommend
 from exposight.planning.sensor_models import SensorModels
-from exposight.planning.strategies.contract import Method, Setup, Trial, register
 
 _CARRIED = 6
 """Views whose captures correct the next one's forecast; more tell nothing new of the cell."""

@@ -11,8 +11,14 @@ from itertools import combinations
 
 import numpy as np
 
-from exposight.planning.strategies.contract import FloatArray, Method, Setup, Trial, register
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import (
+    FloatArray,
+    Method,
+    Setup,
+    Trial,
+    register,
+)
+from exposight.planning.comparing.strategies.rehearsal import best_of
 
 _ENDS = 16
 """Exposure times among which a bracket's ends are chosen."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from exposight.planning.strategies.contract import Method, Trial, register
-from exposight.planning.strategies.region_light import radiances
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import Method, Trial, register
+from exposight.planning.comparing.strategies.region_light import radiances
+from exposight.planning.comparing.strategies.rehearsal import best_of
 
 _FIRST_MS = (10.0, 40.0)
 _TARGETS = (30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 100.0, 120.0, 150.0, 180.0, 220.0)

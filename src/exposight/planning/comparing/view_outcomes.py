@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from exposight.planning.strategies import MeasuringCosts, Trial
-from exposight.planning.strategies.rehearsal import time_ms
+from exposight.planning.comparing.strategies import MeasuringCosts, Trial
+from exposight.planning.comparing.strategies.rehearsal import time_ms
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 from exposight import __version__
 from exposight.errors import InputError
 from exposight.models import WindowModel
-from exposight.planning.exposure_limits import ExposureLimits
-from exposight.planning.sensor_models import SensorModels
-from exposight.planning.strategies import (
+from exposight.planning.comparing.strategies import (
     MeasuringCosts,
     Setup,
     Strategy,
     strategies_named,
 )
-from exposight.planning.strategies.rehearsal import measured
-from exposight.planning.sweeps import Sweep
-from exposight.planning.view_outcomes import ViewOutcome, frame_of
+from exposight.planning.comparing.strategies.rehearsal import measured
+from exposight.planning.comparing.sweeps import Sweep
+from exposight.planning.comparing.view_outcomes import ViewOutcome, frame_of
+from exposight.planning.exposure_limits import ExposureLimits
+from exposight.planning.sensor_models import SensorModels
 from exposight.tables import Column, Table, number
 from exposight.workers import Progress, ignore_progress
 

@@ -22,8 +22,8 @@ from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
 from exposight.geometry.meshes import Mesh
 from exposight.observing import View
-from exposight.planning.ring_visibility import RingVisibility, Sight, ViewingLimits
-from exposight.planning.sensor_poses import ReachBox, sample_poses
+from exposight.planning.viewing.ring_visibility import RingVisibility, Sight, ViewingLimits
+from exposight.planning.viewing.sensor_poses import ReachBox, sample_poses
 from exposight.tables import Column, Table, counted
 from exposight.workers import Progress, ignore_progress
 

@@ -1,6 +1,6 @@
 """Ways to choose exposure times, each in a few lines, for `exposight.planning.compare`."""
 
-from exposight.planning.strategies import (
+from exposight.planning.comparing.strategies import (
     brackets,
     clusters,
     one_exposure,
@@ -10,7 +10,7 @@ from exposight.planning.strategies import (
     regions,
     searching,
 )
-from exposight.planning.strategies.contract import (
+from exposight.planning.comparing.strategies.contract import (
     STRATEGIES,
     MeasuringCosts,
     Method,

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from exposight.planning.strategies.contract import MeasuringCosts, Method, Setup, Trial
-from exposight.planning.sweeps import Sweep
+from exposight.planning.comparing.strategies.contract import MeasuringCosts, Method, Setup, Trial
+from exposight.planning.comparing.sweeps import Sweep
 
 _AS_GOOD = 0.005
 """Share of the features that a quicker choice may cover less than the one that covers most."""

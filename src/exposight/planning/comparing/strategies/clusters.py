@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from exposight.planning.strategies.contract import FloatArray, Method, Trial, register
-from exposight.planning.strategies.region_light import radiances
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import FloatArray, Method, Trial, register
+from exposight.planning.comparing.strategies.region_light import radiances
+from exposight.planning.comparing.strategies.rehearsal import best_of
 from exposight.tables import counted
 
 _FIRST_MS = (10.0, 40.0)

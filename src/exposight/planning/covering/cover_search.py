@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.compiled import njit
-from exposight.planning.cover_program import Program
+from exposight.planning.covering.cover_program import Program
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 FloatArray: TypeAlias = NDArray[np.float64]

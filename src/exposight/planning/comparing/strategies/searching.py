@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from exposight.planning.strategies.contract import Method, Trial, register
-from exposight.planning.strategies.region_light import DARK, brightness
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import Method, Trial, register
+from exposight.planning.comparing.strategies.region_light import DARK, brightness
+from exposight.planning.comparing.strategies.rehearsal import best_of
 
 _FIRST_MS = (12.0, 20.0, 31.0, 54.0, 90.0)
 _LOWEST, _HIGHEST = (16.0, 20.0, 25.0), (85.0, 100.0, 115.0)

@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from exposight.planning.strategies.contract import FloatArray, Method, Setup, Trial, register
+from exposight.planning.comparing.strategies.contract import (
+    FloatArray,
+    Method,
+    Setup,
+    Trial,
+    register,
+)
 
 _COUNT_FIRST = 1e4
 """A capture more costs more than any time saved."""

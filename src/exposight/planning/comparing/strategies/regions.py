@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from itertools import product
 
-from exposight.planning.strategies.contract import Method, Trial, register
-from exposight.planning.strategies.region_light import middles, radiances
-from exposight.planning.strategies.rehearsal import best_of
+from exposight.planning.comparing.strategies.contract import Method, Trial, register
+from exposight.planning.comparing.strategies.region_light import middles, radiances
+from exposight.planning.comparing.strategies.rehearsal import best_of
 
 _FIRST_MS = (10.0, 30.0, 90.0)
 _TARGETS = (40.0, 50.0, 60.0, 70.0, 80.0, 95.0)

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.planning.cover_program import Program
-from exposight.planning.cover_solver import Deadline, Solver, filled_up
+from exposight.planning.covering.cover_program import Program
+from exposight.planning.covering.cover_solver import Deadline, Solver, filled_up
 from exposight.workers import Progress, ignore_progress
 
 BoolArray: TypeAlias = NDArray[np.bool_]

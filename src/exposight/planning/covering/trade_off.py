@@ -11,10 +11,10 @@ from typing import TypeAlias
 import numpy as np
 
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.cover import check_goal
-from exposight.planning.cover_budget import Choice, greedy_choices, most_within
-from exposight.planning.cover_demand import Demand, demand_of
-from exposight.planning.cover_solver import cheapest_cover
+from exposight.planning.covering.cover import check_goal
+from exposight.planning.covering.cover_budget import Choice, greedy_choices, most_within
+from exposight.planning.covering.cover_demand import Demand, demand_of
+from exposight.planning.covering.cover_solver import cheapest_cover
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
 from exposight.planning.recommendation import CONFIDENCE, check_confidence

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from exposight.errors import InputError
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.cover_program import Program, useful_settings
+from exposight.planning.covering.cover_program import Program, useful_settings
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.outlook import WORTH_TRYING
 

@@ -1,0 +1,1 @@
+"""Strategies compared on views whose every outcome is known."""
