@@ -8,7 +8,11 @@ import pytest
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROMISED = {
-    "01_ten_lines.py": ["quality   all", "exposure  all", "4 of 4 features succeeded, 4 were promised"],
+    "01_ten_lines.py": [
+        "quality   all",
+        "exposure  all",
+        "4 of 4 features succeeded, 4 were promised",
+    ],
     "02_decode_stripes.py": ["points, median error 0."],
     "03_own_driver.py": ["0.2 ms: i_avg 4, p_norm 0.00", "5.0 ms: i_avg 100, p_norm 1.00"],
     "04_own_predictor.py": ["unseen observations: RMSE", "50 mm: known", "900 mm: unknown"],

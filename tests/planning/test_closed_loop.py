@@ -12,7 +12,7 @@ from exposight.models import train_window
 from exposight.observing import ObservationTable
 from exposight.planning import CaptureCosts, ExposureLimits, SensorModels, train
 from exposight.planning.closed_loop import ClosedLoop
-from exposight.planning.lookahead import cost_left
+from exposight.planning.lookahead import captures_left, cost_left
 
 TIMES_MS = tuple(float(t) for t in np.unique(np.geomspace(2.0, 700.0, 40).round()))
 LIMITS = ExposureLimits(
@@ -156,7 +156,7 @@ def test_captures_of_no_view_and_of_several_are_refused(models: SensorModels) ->
 def test_the_sweep_from_the_left_adds_up_the_captures_left() -> None:
     served = np.zeros((1, 3, 6), dtype=np.bool_)
     served[0, 0, 0:2] = served[0, 1, 1:4] = served[0, 2, 4:6] = True
-    assert cost_left(served, np.ones(6)).tolist() == [2.0, 1.0, 2.0, 2.0, 1.0, 1.0]
+    assert captures_left(served).tolist() == [2.0, 1.0, 2.0, 2.0, 1.0, 1.0]
     times = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     # the first two features share setting 1, the third is served from setting 4 on
     assert cost_left(served, times).tolist() == [2.0 + 5.0, 5.0, 1.0 + 5.0, 1.0 + 5.0, 2.0, 2.0]

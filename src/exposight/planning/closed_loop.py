@@ -29,7 +29,13 @@ from exposight.planning.beliefs import Belief, belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
-from exposight.planning.lookahead import DRAWS, after_misses, cost_left, served_in_draws
+from exposight.planning.lookahead import (
+    DRAWS,
+    after_misses,
+    captures_left,
+    cost_left,
+    served_in_draws,
+)
 from exposight.planning.loop_report import (
     LoopReport,
     Outcome,
@@ -45,6 +51,9 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 WORTH_A_CAPTURE = 0.05
 """Least chance for which another capture is taken."""
+
+_LIKELY = 0.5
+"""Features that a capture should be expected to serve, where there is one that serves so many."""
 
 MOST_TRIES = 5
 """Captures of a view that a feature may miss while its window is looked for."""
@@ -262,10 +271,18 @@ class ClosedLoop:
         if not len(keep):
             return None
         expected = chance[keep].sum(axis=0)
-        count = self._goal == "count"
-        each = np.array([1.0 if count else self._costs.capture_ms(t) for t in chances.settings_ms])
-        cost = -expected / each if served is None else each + cost_left(served[:, keep], each)
-        cost = np.where(fresh & (expected >= WORTH_A_CAPTURE), cost, np.inf)
+        each = np.array([self._costs.capture_ms(ms) for ms in chances.settings_ms])
+        if self._goal == "count":
+            each[:] = 1.0
+        if served is None:
+            cost = -expected / each
+        elif self._goal == "count":
+            cost = each + captures_left(served[:, keep])
+        else:
+            cost = each + cost_left(served[:, keep], each)
+        # what a capture that serves nobody would teach is not relied on
+        least = min(_LIKELY, float(expected[fresh].max(initial=0.0)))
+        cost = np.where(fresh & (expected >= max(least, WORTH_A_CAPTURE)), cost, np.inf)
         near = cost <= cost.min() + 1e-9 * abs(cost.min())
         extra = chance[n:].sum(axis=0)
         score = np.where(near, expected + 1e-2 * extra, -np.inf)

@@ -25,6 +25,9 @@ _SCENARIOS = 64
 _FEWEST_DRAWS = 8
 """So many draws must agree with what a feature missed; otherwise its window lies elsewhere."""
 
+_SURE = 0.9
+"""Share of a feature's best chance at which a setting counts as one that serves it."""
+
 _ELSEWHERE = 0.6
 """Standard deviation of ln exposure time about a window that was not where it was expected."""
 
@@ -81,17 +84,36 @@ def after_misses(
     return out
 
 
+def captures_left(served: BoolArray) -> FloatArray:
+    """Return the mean number of captures that are needed after one at each setting, (m,).
+
+    As if that one told all that is uncertain, which it nearly does.
+
+    Parameters
+    ----------
+    served : (d, n, m) ndarray of bool
+        In which draws each setting serves each feature. Those that none serves do not count.
+    """
+    some = np.ascontiguousarray(served[:_SCENARIOS])
+    return _cost_left(some, some, np.ones(some.shape[2]))
+
+
 def cost_left(served: BoolArray, costs: FloatArray) -> FloatArray:
     """Return the mean cost of the captures that are needed after one at each setting, (m,).
+
+    As if that one told nothing: a short capture tells little of what needs a long one.
 
     Parameters
     ----------
     served : (d, n, m) ndarray of bool
         In which draws each setting serves each feature. Those that none serves do not count.
     costs : (m,) ndarray
-        Of a capture at each setting, not falling; ones to count captures.
+        Of a capture at each setting, not falling.
     """
-    return _cost_left(np.ascontiguousarray(served[:_SCENARIOS]), costs)
+    some = np.ascontiguousarray(served[:_SCENARIOS])
+    chance = served.mean(axis=0)
+    sure = (chance >= _SURE * chance.max(axis=1, keepdims=True)) & (chance > 0.0)
+    return _cost_left(some, sure[None], costs)
 
 
 def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
@@ -102,8 +124,10 @@ def _within(windows_ms: FloatArray, settings_ms: FloatArray) -> BoolArray:
 
 
 @njit()
-def _cost_left(served: BoolArray, costs: FloatArray) -> FloatArray:  # pragma: no cover - compiled
-    """Add up the captures of sweeps from the left.
+def _cost_left(
+    served: BoolArray, windows: BoolArray, costs: FloatArray
+) -> FloatArray:  # pragma: no cover - compiled
+    """Add up the captures of sweeps from the left over the windows of what is not served.
 
     Windows are intervals, so the sweep that takes the last setting of the first window to end needs
     fewest captures; each is then moved to the first setting that serves the same windows.
@@ -115,7 +139,7 @@ def _cost_left(served: BoolArray, costs: FloatArray) -> FloatArray:  # pragma: n
         for i in range(n):
             first[i], last[i] = m, -1
             for j in range(m):
-                if served[d, i, j]:
+                if windows[min(d, len(windows) - 1), i, j]:
                     first[i] = min(first[i], j)
                     last[i] = j
         order = np.argsort(last)
