@@ -21,18 +21,14 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 
 def corrected(
-    forecast: RingForecast,
-    rings: NDArray[np.int64],
-    value: FloatArray,
-    variance: FloatArray,
-    *,
-    other_surface: str = "",
+    forecast: RingForecast, rings: NDArray[np.int64], value: FloatArray, variance: FloatArray
 ) -> RingForecast:
     """Correct all rings by those that were measured: the ring, its view, the whole cell.
 
     What is common to the cell, such as its lamp's power, and what depends on the half vector, such
     as another finish, are normal deviations beside what is learnt; how large they are is decided by
-    the likelihood of what was measured, with the learnt cell as the first guess.
+    the likelihood of what was measured, with the learnt cell as the first guess. Rings that are
+    known to be on another finish deviate by themselves.
 
     Parameters
     ----------
@@ -42,57 +38,71 @@ def corrected(
         The rings that were measured.
     value, variance : (k,) ndarray
         Their ln radiance.
-    other_surface : str
-        Why the surface is known to be another than the learnt one; empty where it is not.
     """
-    guesses = _OTHER_SURFACE if other_surface else _GUESSES
-    alike: FloatArray = np.ones((len(forecast.mean),) * 2)
+    n = len(forecast.mean)
+    alike: FloatArray = np.ones((n, n), dtype=np.float64)
     if forecast.half is not None:
         apart = forecast.half[:, None, :] - forecast.half[None, :, :]
         alike[:] = np.exp(-0.5 * (apart**2).sum(axis=2) / _LOBE**2)
+    covariance, shape = forecast.covariance.copy(), np.zeros(n)
+    finishes = np.array(forecast.other_finish or ("",) * n)
     error = value - forecast.mean[rings]
-    place = np.ix_(rings, rings)
-    best, evidence = guesses[0], -np.inf
-    for guess in guesses if len(rings) else ():
-        within = forecast.covariance[place] + guess.cell**2 + guess.surface**2 * alike[place]
-        factor = np.linalg.cholesky(within + np.diag(variance))
-        white = np.linalg.solve(factor, error)
-        this = guess.log_weight - 0.5 * float(white @ white) - float(np.log(np.diag(factor)).sum())
-        if this > evidence:
-            best, evidence = guess, this
-    if not len(rings):
-        best = guesses[-1] if other_surface else guesses[0]
-    covariance: FloatArray = forecast.covariance + best.cell**2 + best.surface**2 * alike
-    within = covariance[place] + np.diag(variance)
+    remarks = list(forecast.remarks)
+    for finish in dict.fromkeys(finishes.tolist()):
+        members = np.flatnonzero(finishes == finish)
+        shown = finishes[rings] == finish
+        place = np.ix_(rings[shown], rings[shown])
+        guess = _likeliest(
+            _OTHER_SURFACE if finish else _GUESSES,
+            covariance[place] + np.diag(variance[shown]),
+            alike[place],
+            error[shown],
+        )
+        block = np.ix_(members, members)
+        covariance[block] += guess.cell**2 + guess.surface**2 * alike[block]
+        shape[members] = _SHAPE if guess.surface else 0.0
+        if shown.any() and (guess.cell > _GUESSES[0].cell or guess.surface):
+            what = f"{finish!r}, which was not learnt, is" if finish else "the cell is"
+            remarks.append(
+                f"{what} {math.exp(float(np.median(error[shown]))):.2g} times as bright as it was "
+                f"learnt{', and reflects otherwise' if guess.surface else ''}"
+            )
+    within = covariance[np.ix_(rings, rings)] + np.diag(variance)
     gain = np.linalg.solve(within, covariance[rings]).T
     mean = forecast.mean + gain @ error
     covariance = covariance - gain @ covariance[rings]
-    factor_all = math.exp(float(np.median(error))) if len(rings) else 1.0
-    changed = best.cell > _GUESSES[0].cell or best.surface > 0.0
-    remark = other_surface
-    if changed and len(rings):
-        remark = f"the cell is {factor_all:.2g} times as bright as it was learnt"
-        if best.surface:
-            remark = f"light is reflected otherwise than was learnt, {factor_all:.2g} times as much"
-    source = list(forecast.source)
-    for ring in rings:
-        source[ring] = "pose and image"
     measured = {*rings.tolist()}
-    points = forecast.points
-    if best.surface:
-        points = points._replace(
-            shift_low=np.hypot(points.shift_low, _SHAPE),
-            shift_high=np.hypot(points.shift_high, _SHAPE),
-        )
+    points = forecast.points._replace(
+        shift_low=np.hypot(forecast.points.shift_low, shape),
+        shift_high=np.hypot(forecast.points.shift_high, shape),
+    )
     return replace(
         forecast,
         mean=mean,
         covariance=0.5 * (covariance + covariance.T),
         points=points,
-        source=tuple(source),
+        source=tuple(
+            "pose and image" if i in measured else each for i, each in enumerate(forecast.source)
+        ),
         unknown=tuple("" if i in measured else reason for i, reason in enumerate(forecast.unknown)),
-        remarks=(*forecast.remarks, remark) if remark else forecast.remarks,
+        remarks=tuple(dict.fromkeys(remarks)),
     )
+
+
+def _likeliest(
+    guesses: tuple[_Guess, ...], within: FloatArray, alike: FloatArray, error: FloatArray
+) -> _Guess:
+    """Return the guess under which what was measured is likeliest; the last without anything."""
+    if not len(error):
+        return guesses[-1] if guesses is _OTHER_SURFACE else guesses[0]
+
+    def evidence(guess: _Guess) -> float:
+        factor = np.linalg.cholesky(within + guess.cell**2 + guess.surface**2 * alike)
+        white = np.linalg.solve(factor, error)
+        spread = float(np.log(np.diag(factor)).sum())
+        return guess.log_weight - 0.5 * float(white @ white) - spread
+
+    return max(guesses, key=evidence)
 
 
 class _Guess(NamedTuple):

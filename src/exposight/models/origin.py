@@ -50,6 +50,13 @@ class Origin:
             values[name] = named[0] if len(named) == 1 else ""
         return cls(**values)
 
+    def other_finishes(self, frame: pl.DataFrame) -> dict[str, str]:
+        """Return the features of a frame that are on another finish, by name, and which it is."""
+        if not self.finish or "finish" not in frame.columns:
+            return {}
+        rows = zip(frame["feature"].to_list(), frame["finish"].to_list(), strict=True)
+        return {name: finish for name, finish in rows if finish and finish != self.finish}
+
     def contradictions(self, frame: pl.DataFrame) -> dict[str, str]:
         """Return which of sensor, tcp and finish a frame has otherwise, in words, by name."""
         found: dict[str, str] = {}

@@ -60,6 +60,8 @@ class RingForecast:
         What is odd about all of it.
     half : (n, 2) ndarray or None
         Slopes of the half vectors of light and sight at the rings, where the projector is known.
+    other_finish : tuple of str
+        The finish that each ring is on, where that is not the learnt one; empty elsewhere.
     """
 
     features: tuple[str, ...]
@@ -76,6 +78,7 @@ class RingForecast:
     unknown: tuple[str, ...]
     remarks: tuple[str, ...] = ()
     half: FloatArray | None = None
+    other_finish: tuple[str, ...] = ()
 
     @property
     def knows(self) -> NDArray[np.bool_]:
@@ -308,6 +311,7 @@ class RingForecast:
             views=some(self.views),
             source=some(self.source),
             unknown=some(self.unknown),
+            other_finish=some(self.other_finish) if self.other_finish else (),
             mean=self.mean[places],
             covariance=self.covariance[np.ix_(places, places)],
             points=Points(*(values[places] for values in self.points)),

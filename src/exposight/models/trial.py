@@ -90,7 +90,7 @@ def with_trial(
     known = shown.limit == 0
     measured = shown.rings[known], shown.value[known], shown.variance[known]
     if correct:
-        refined = corrected(forecast, *measured, other_surface=other_surface)
+        refined = corrected(forecast, *measured)
         refined = with_limit(refined, shown.rings[~known], shown.value[~known], shown.limit[~known])
     else:
         refined = _weighed(forecast, *measured, other_surface)

@@ -180,11 +180,8 @@ class WindowModel(Predictor):
             msg = f"the same ring twice among {rings.height}; give each feature and view once"
             raise InputError(msg)
         forecast = self._forecast(unique, times, need, rings)
-        finish = self.radiance.origin.contradictions(rings).get("finish", "")
         if trial is None:
-            if correct and finish:
-                return corrected(forecast, *_NOTHING_MEASURED, other_surface=finish)
-            return forecast
+            return corrected(forecast, *_NOTHING_MEASURED) if correct else forecast
         check_exposures(trial.measured(), self.sensor)
         contradictions = self.radiance.origin.contradictions(trial.measured().frame)
         for name in ("sensor", "tcp"):
@@ -206,7 +203,10 @@ class WindowModel(Predictor):
         learnt = self.radiance.learnt
         prediction = learnt.predict(rings)
         points = self.window.points(learnt, rings, prediction.light)
-        finish = self.radiance.origin.contradictions(frame).get("finish", "")
+        finishes, learnt_on = (
+            self.radiance.origin.other_finishes(frame),
+            self.radiance.origin.finish,
+        )
         dark = points.weight.sum(axis=1) < 0.5
         # where a capture would show the ring well, as far as is known
         telling_ms = _WELL_LIT * np.exp(-prediction.mean)
@@ -216,7 +216,11 @@ class WindowModel(Predictor):
             if name in domed:
                 covariance[i, i] += _CURVED_STD**2
         unknown = tuple(
-            finish
+            (
+                f"another finish: {finishes[name]!r}, learnt on {learnt_on!r}"
+                if name in finishes
+                else ""
+            )
             or (CURVED if name in domed else "")
             or ("outside the light of the projector, or out of a camera's frame" if unlit else "")
             or far_away(far, time)
@@ -242,6 +246,7 @@ class WindowModel(Predictor):
             source=("pose",) * len(rings),
             unknown=unknown,
             half=None if prediction.light is None else prediction.light.half.mean(axis=1),
+            other_finish=tuple(finishes.get(name, "") for name in rings.features),
         )
 
     @property
