@@ -181,7 +181,8 @@ class WindowModel(Predictor):
             raise InputError(msg)
         forecast = self._forecast(unique, times, need, rings)
         if trial is None:
-            return corrected(forecast, *_NOTHING_MEASURED) if correct else forecast
+            other = correct and any(forecast.other_finish)
+            return corrected(forecast, *_NOTHING_MEASURED) if other else forecast
         check_exposures(trial.measured(), self.sensor)
         contradictions = self.radiance.origin.contradictions(trial.measured().frame)
         for name in ("sensor", "tcp"):
