@@ -42,6 +42,27 @@ def test_a_file_is_replaced(tmp_path):
     assert (tmp_path / "a.bin").read_bytes() == b"new"
 
 
+def test_a_link_stays_and_its_file_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "a.bin", tmp_path / "link"
+    link.symlink_to(target)
+    for data in (b"new", b"newer"):  # its file is not there yet, and is
+        write_durably(link, data)
+        assert link.is_symlink()
+        assert target.read_bytes() == data
+    assert names(tmp_path / "there") == ["a.bin"]
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name, kind in (("pipe", "pipe"), ("link", "pipe"), ("folder", "a folder")):
+        with pytest.raises(FileError, match=f"was not written: it is .*{kind}.*, not a file"):
+            write_durably(tmp_path / name, b"new")
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, full_disk):
     (tmp_path / "a.bin").write_bytes(b"old")
     with pytest.raises(FileError, match=r"a\.bin was not written: the disk is full; free some"):

@@ -85,12 +85,13 @@ def test_profiles_say_where_they_are_from_and_agree_with_presets():
     ("fault", "fact"),
     [
         ({"min_ms": 5.0, "max_ms": 1.0}, "got 5, 1 and 1"),
-        ({"increment_ms": 0.0}, "increment above 0"),
+        ({"increment_ms": 0.0}, "increment_ms above 0"),
         ({"allowed_ms": (5.0, 5000.0)}, "5000"),
         ({"least_per_view": 3, "most_per_view": 2}, "3 and 2"),
         ({"flicker_hz": 5.0}, "50 or 60 Hz"),
         ({"allowed_ms": (11.0, 13.0), "flicker_hz": 50.0}, "allow no exposure time: flicker 50"),
         ({"unit": "min"}, "'min'"),
+        ({"min_ms": 1e-9, "max_ms": 1e12, "increment_ms": 1e-9, "flicker_hz": 50.0}, "the unit"),
     ],
 )
 def test_limits_that_allow_nothing_or_contradict_themselves(fault, fact):
@@ -104,7 +105,10 @@ def test_limits_of_a_file(tmp_path):
     path.write_text("[mine]\nmin_ms = 1.0\nmax_ms = 50.0\nincrement_ms = 0.5\nunit = 's'\n")
     assert limits_named(str(path)).set_value(2.5) == 0.0025
     path.write_text("[mine]\nmin_ms = 1.0\nmax_ms = 50.0\nincrement_ms = 0.5\nmost = 2\n")
-    with pytest.raises(FormatError, match=r"'profiles\.mine\.most' is unknown"):
+    with pytest.raises(FormatError, match=r"mine\.toml, \[mine\]: key 'most' is unknown"):
+        limits_named(str(path))
+    path.write_text("min_ms = 1.0\n")
+    with pytest.raises(FormatError, match=r"expected a table \[min_ms\] of limits, got the value"):
         limits_named(str(path))
     with pytest.raises(MissingFileError):
         limits_named(str(tmp_path / "none.toml"))

@@ -31,16 +31,19 @@ def write_durably(path: Path, data: bytes) -> None:
     Parameters
     ----------
     path : Path
-        The file; its folder must exist. An existing file is replaced.
+        The file; its folder must exist. An existing file is replaced; of a symbolic link the file
+        that it points to.
     data : bytes
         The whole content of the file.
 
     Raises
     ------
     FileError
-        If the disk is full or refuses for another reason; an existing file is then untouched.
+        If the disk is full or refuses for another reason; an existing file is then untouched. If
+        there is something else than a file, such as a device or a pipe.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path)) if Path(path).is_symlink() else Path(path)
+    _check_replaceable(path)
     unfinished = _unfinished_name(path)
     try:
         unfinished.write_bytes(data)
@@ -108,6 +111,14 @@ def sweep_unfinished(folder: Path) -> None:
             shutil.rmtree(entry, ignore_errors=True)
         else:
             entry.unlink(missing_ok=True)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse a folder, a device or a pipe, which a file would take the place of."""
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "a device, a pipe or the like"
+        msg = f"{path} was not written: it is {kind}, not a file; give the name of a file"
+        raise FileError(msg)
 
 
 def _unfinished_name(path: Path) -> Path:

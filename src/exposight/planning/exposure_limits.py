@@ -33,6 +33,9 @@ _SAME = 1e-6
 _DECIMALS = 6
 """Of settings in ms: nanoseconds are finer than any camera, and rounding drops the sum's dust."""
 
+_LONGEST_MS = 3.6e6
+"""No exposure is longer than an hour; more is another unit."""
+
 _RIPPLE = 0.01
 """Share of the mains' half period by which an exposure time may miss a multiple of it.
 
@@ -102,18 +105,23 @@ class ExposureLimits:
         low, high, step = self.min_ms, self.max_ms, self.increment_ms
         if not (0 < low <= high < math.inf and 0 < step < math.inf):
             return (
-                "they need 0 < minimum ≤ maximum and an increment above 0 in ms, got "
+                "they need 0 < min_ms ≤ max_ms and increment_ms above 0, got "
                 f"{low:g}, {high:g} and {step:g}"
+            )
+        if high > _LONGEST_MS or step < 10.0**-_DECIMALS:
+            return (
+                f"max_ms is an hour or less, {_LONGEST_MS:g}, and increment_ms a nanosecond or "
+                f"more, {10.0**-_DECIMALS:g}; got {high:g} and {step:g}: check the unit"
             )
         if outside := [each for each in self.allowed_ms if not low <= each <= high]:
             return (
-                f"allowed exposure times lie from {low:g} to {high:g} ms, got "
+                f"allowed_ms lie from min_ms, {low:g}, to max_ms, {high:g}, got "
                 f"{', '.join(map(number, outside))}; check the unit"
             )
         most = math.inf if self.most_per_view is None else self.most_per_view
         if not 1 <= self.least_per_view <= most:
             return (
-                "a view takes at least 1 exposure, and its least number is not above its most, got "
+                "least_per_view is 1 or more and not above most_per_view, got "
                 f"{self.least_per_view} and {self.most_per_view}"
             )
         if self.flicker_hz is not None and not 10.0 <= self.flicker_hz <= 1000.0:
@@ -288,22 +296,19 @@ class CaptureCosts:
 # -- profiles -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class _ProfileFile:
-    profiles: dict[str, ExposureLimits]
-
-
 def _read(text: str, source: str) -> Mapping[str, ExposureLimits]:
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         msg = f"{source} is not TOML: {error}"
         raise FormatError(msg) from error
-    profiles = {
-        key: {"name": key, **table} if isinstance(table, dict) else table
-        for key, table in raw.items()
-    }
-    return validate(_ProfileFile, {"profiles": profiles}, source).profiles
+    out = {}
+    for key, table in raw.items():
+        if not isinstance(table, dict):
+            msg = f"{source}: expected a table [{key}] of limits, got the value {table!r}"
+            raise FormatError(msg)
+        out[key] = validate(ExposureLimits, {"name": key, **table}, f"{source}, [{key}]")
+    return out
 
 
 @cache
