@@ -115,7 +115,7 @@ def test_a_feature_that_never_gives_points_is_given_up_with_what_was_seen(
     assert lost.feature == "f3"
     assert lost.status == "given up"
     assert lost.p_norm == pytest.approx(0.1)
-    assert "brightness was right" in lost.reason
+    assert "neither dark nor clipped" in lost.reason
     assert len(captures) <= 3 * 5 + 8  # tries are limited in each of three views
 
 
@@ -172,3 +172,56 @@ def test_least_time_takes_shorter_captures(models: SensorModels) -> None:
         assert {each.status for each in loop.outcomes} == {"had"}
         spent[goal] = sum(costs.capture_ms(exposure_ms) for _, exposure_ms in captures)
     assert spent["time"] < spent["count"]
+
+
+def test_features_that_captures_do_not_show_are_given_up(models: SensorModels) -> None:
+    table = cell()
+
+    def shifted(rows: pl.DataFrame) -> pl.DataFrame:
+        lost = pl.col("feature") == "f3"
+        return rows.with_columns(
+            p_norm=pl.when(lost).then(None).otherwise("p_norm"),
+            i_avg=pl.when(lost).then(None).otherwise("i_avg"),
+            i_mean=pl.when(lost).then(None).otherwise("i_mean"),
+            visibility=pl.when(lost).then(pl.lit("partly out of frame")).otherwise("visibility"),
+        )
+
+    loop = ClosedLoop(models, rings_of(table), LIMITS, need=NEED)
+    captures = measured(loop, table, shifted)
+    (lost,) = (each for each in loop.outcomes if each.status != "had")
+    assert lost.feature == "f3"
+    assert "partly out of frame" in lost.reason
+    assert len(captures) <= 12
+
+
+def test_a_sensor_that_takes_one_exposure_time_whatever_is_asked_ends(models: SensorModels) -> None:
+    table = cell()
+    loop = ClosedLoop(models, rings_of(table), LIMITS, need=NEED)
+    asked = []
+    while (request := loop.next()) is not None:
+        assert len(asked) < 60
+        asked.append((request.view, request.exposure_ms))
+        rows = (pl.col("view") == request.view) & (pl.col("exposure_ms") == TIMES_MS[-1])
+        loop.took(ObservationTable.from_frame(table.frame.filter(rows)))
+    assert len({*asked}) == len(asked)
+    lost = [each.reason for each in loop.outcomes if each.status == "given up"]
+    assert lost
+    assert all("clips at 700 ms" in reason for reason in lost), lost
+
+
+def test_a_lamp_that_clips_everything_is_noticed(models: SensorModels) -> None:
+    table = cell(level=11.4 + np.log(40.0))
+    loop = ClosedLoop(models, rings_of(table), LIMITS, need=NEED)
+    measured(loop, table)
+    first = loop.log[0]
+    assert "times as bright as forecast" in first
+    good = coverable(table)
+    assert {each.feature for each in loop.outcomes if each.status == "had"} == good
+
+
+def test_p_norm_in_percent_is_refused(models: SensorModels) -> None:
+    table = cell()
+    loop = ClosedLoop(models, rings_of(table), LIMITS, need=NEED)
+    one = table.frame.filter((pl.col("view") == "new0") & (pl.col("exposure_ms") == TIMES_MS[20]))
+    with pytest.raises(ObservationError, match="in percent"):
+        loop.took(ObservationTable.from_frame(one.with_columns(p_norm=pl.col("p_norm") * 7.5)))

@@ -62,10 +62,10 @@ def corrected(
         covariance[block] += guess.cell**2 + guess.surface**2 * alike[block]
         shape[members] = _SHAPE if guess.surface else 0.0
         if shown.any() and (guess.cell > _GUESSES[0].cell or guess.surface):
-            what = f"{finish!r}, which was not learnt, is" if finish else "the cell is"
+            what = f"{finish!r}, which was not learnt: features" if finish else "features"
             remarks.append(
-                f"{what} {math.exp(float(np.median(error[shown]))):.2g} times as bright as it was "
-                f"learnt{', and reflects otherwise' if guess.surface else ''}"
+                f"{what} are {math.exp(float(np.median(error[shown]))):.2g} times as bright as "
+                "forecast"
             )
     within = covariance[np.ix_(rings, rings)] + np.diag(variance)
     gain = np.linalg.solve(within, covariance[rings]).T

@@ -205,7 +205,7 @@ class RingForecast:
             + (
                 f"only {100 * lit[i]:.0f} % of it is lit and in the frame"
                 if lit[i] < self.need
-                else "its points are where the pose says to that share only"
+                else "rings that were learnt from gave no more at their best (misaligned views?)"
                 if best[i] < self.need
                 else "parts of it clip before others are bright enough (glare)"
             )

@@ -53,6 +53,10 @@ _BETTER = {"max": 40.0, "mod": 12.0}
 _FEWEST = 3
 """Quantiles that must be neither dark nor clipped."""
 
+_FAR_OFF, _BEYOND = 0.3, 0.5
+"""ln radiance by which a limit contradicts a forecast; and how far beyond the limit a ring is then
+taken to be, give or take as much (assumed)."""
+
 _SAME_PLACE_MM = 2.0
 
 
@@ -90,7 +94,15 @@ def with_trial(
     known = shown.limit == 0
     measured = shown.rings[known], shown.value[known], shown.variance[known]
     if correct:
-        refined = corrected(forecast, *measured)
+        # a limit far from what was forecast says that the cell is otherwise
+        sign, limit = shown.limit[~known], shown.value[~known]
+        off = sign * (limit - forecast.mean[shown.rings[~known]]) > _FAR_OFF
+        further = (
+            shown.rings[~known][off],
+            (limit + sign * _BEYOND)[off],
+            np.full(off.sum(), _BEYOND**2),
+        )
+        refined = corrected(forecast, *map(np.concatenate, zip(measured, further, strict=True)))
         refined = with_limit(refined, shown.rings[~known], shown.value[~known], shown.limit[~known])
     else:
         refined = _weighed(forecast, *measured, other_surface)

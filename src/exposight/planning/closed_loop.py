@@ -13,8 +13,7 @@ needs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -29,19 +28,16 @@ from exposight.planning.beliefs import Belief, belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
-from exposight.planning.lookahead import (
-    DRAWS,
-    after_misses,
-    captures_left,
-    cost_left,
-    served_in_draws,
-)
+from exposight.planning.lookahead import DRAWS, after_misses, best_place, served_in_draws
 from exposight.planning.loop_report import (
     LoopReport,
     Outcome,
     OutcomeStatus,
     Request,
+    brightness_of,
+    feature_states,
     one_capture,
+    what_was_seen,
 )
 from exposight.planning.outlook import why_not
 from exposight.planning.sensor_models import SensorModels
@@ -52,27 +48,13 @@ FloatArray: TypeAlias = NDArray[np.float64]
 WORTH_A_CAPTURE = 0.05
 """Least chance for which another capture is taken."""
 
-_LIKELY = 0.5
-"""Features that a capture should be expected to serve, where there is one that serves so many."""
-
 MOST_TRIES = 5
 """Captures of a view that a feature may miss while its window is looked for."""
 
+_MOST_UNOBSERVED = 2
+"""Captures of a view that may not show a feature at all before it is given up there."""
+
 _SETTINGS = 96
-
-
-@dataclass(kw_only=True)
-class _Feature:
-    """What is known of a feature while measuring."""
-
-    views: list[str]
-    """Views that see it, the planned one first."""
-    had: bool = False
-    p_norm: float | None = None
-    best: tuple[str, float] | None = None
-    tries: int = 0
-    promised: float | None = None
-    reason: str = ""
 
 
 class ClosedLoop:
@@ -129,10 +111,12 @@ class ClosedLoop:
         self._costs, self._goal = costs or CaptureCosts(), goal
         self._poses, self._not_seen = dict(poses or {}), dict(not_seen or {})
         self._order: list[str] = rings["view"].unique(maintain_order=True).to_list()
-        self._features = _features_of(rings, self._order, views_of or {})
+        self._features = feature_states(rings, self._order, views_of or {})
         self._belief: Belief = belief_of(models, rings, need, limits, carried)
         self._taken: dict[str, list[float]] = {name: [] for name in self._order}
         self._missed: dict[tuple[str, str], list[float]] = {}
+        self._lit: dict[tuple[str, str], list[tuple[float, str]]] = {}
+        self._unobserved: dict[tuple[str, str], int] = {}
         self._closed: set[tuple[str, str]] = set()
         self._view: str | None = None
         self._captures = 0
@@ -252,7 +236,8 @@ class ClosedLoop:
             if not each.had and name not in wanted and view in self._open(name)
         ]
         chances = self._belief.chances(view, [*wanted, *others], _SETTINGS)
-        fresh = ~np.isclose(chances.settings_ms[:, None], taken, rtol=1e-6).any(axis=1)
+        near = np.isclose(chances.settings_ms[:, None], np.array(taken), rtol=1e-6)
+        fresh = ~np.asarray(near.any(axis=1))
         missed = [self._missed.get((name, view), []) for name in chances.features]
         rng = np.random.default_rng(self._captures)
         windows = self._belief.windows(view, chances.features, DRAWS, rng)
@@ -270,24 +255,14 @@ class ClosedLoop:
         keep = np.flatnonzero(worth & ~tired)
         if not len(keep):
             return None
-        expected = chance[keep].sum(axis=0)
-        each = np.array([self._costs.capture_ms(ms) for ms in chances.settings_ms])
-        if self._goal == "count":
-            each[:] = 1.0
-        if served is None:
-            cost = -expected / each
-        elif self._goal == "count":
-            cost = each + captures_left(served[:, keep])
-        else:
-            cost = each + cost_left(served[:, keep], each)
-        # what a capture that serves nobody would teach is not relied on
-        least = min(_LIKELY, float(expected[fresh].max(initial=0.0)))
-        cost = np.where(fresh & (expected >= max(least, WORTH_A_CAPTURE)), cost, np.inf)
-        near = cost <= cost.min() + 1e-9 * abs(cost.min())
-        extra = chance[n:].sum(axis=0)
-        score = np.where(near, expected + 1e-2 * extra, -np.inf)
-        alike = np.flatnonzero(score >= score.max() - 1e-3)
-        place = int(alike[len(alike) // 2])
+        costs = np.array([self._costs.capture_ms(ms) for ms in chances.settings_ms])
+        place = best_place(
+            chance[keep],
+            None if served is None else served[:, keep],
+            fresh,
+            costs if self._goal == "time" else None,
+            chance[n:].sum(axis=0),
+        )
         return self._request_of(view, chances, chance, place, [int(i) for i in keep])
 
     def _request_of(
@@ -328,14 +303,23 @@ class ClosedLoop:
         missed = self._missed.get((name, view), [])
         low, high = chances.windows_ms[i].tolist()
         if tired or any(low <= each <= high for each in missed):
-            times = ", ".join(number(each) for each in missed)
-            reason = (
-                f"missed at {times} ms although its brightness was right: hidden, out of place, or "
-                "not as the pose says"
-            )
+            reason = what_was_seen(self._lit[name, view])
         else:
             reason = chances.reasons[i] or why_not(chances, i, self.limits, possible=False)
         self._features[name].reason = f"{view}: {reason}"
+
+    def _close_unobserved(self, view: str, rows: ObservationTable, asked: Collection[str]) -> None:
+        """Give up features that captures of a view do not show, however often they are asked."""
+        states = dict(rows.frame.select("feature", "visibility").iter_rows())
+        shown = {*rows.measured().frame["feature"]}
+        for name in (each for each in asked if each not in shown):
+            key = (name, view)
+            self._unobserved[key] = self._unobserved.get(key, 0) + 1
+            if self._unobserved[key] >= _MOST_UNOBSERVED:
+                self._closed.add(key)
+                state = states.get(name, "not among its observations")
+                state = "without a value" if state == "visible" else state
+                self._features[name].reason = f"{view}: captures do not show it: {state}"
 
     def _explain(self, view: str, reason: str) -> None:
         for name in self._wanted(view):
@@ -358,11 +342,16 @@ class ClosedLoop:
             If it is of no view, or of several captures.
         """
         view, exposure_ms = one_capture(rows, self._order)
+        asked = self._request if self._request is not None and self._request.view == view else None
         self._captures += 1
         self._taken[view].append(exposure_ms)
+        if asked is not None:  # a sensor that takes another exposure time is not asked again
+            self._taken[view].append(asked.exposure_ms)
         self._request, self._view = None, view
         got, missed = [], []
         measured = rows.measured()
+        self._close_unobserved(view, rows, () if asked is None else asked.features)
+        lit = brightness_of(measured.frame)
         for name, p_norm in measured.frame.select("feature", "p_norm").iter_rows():
             feature = self._features.get(name)
             if feature is None or view not in feature.views:
@@ -378,6 +367,7 @@ class ClosedLoop:
             else:
                 missed.append(name)
                 self._missed.setdefault((name, view), []).append(exposure_ms)
+                self._lit.setdefault((name, view), []).append((exposure_ms, lit[name]))
         note = self._belief.took(measured)
         left = sum(not each.had and bool(self._open(n)) for n, each in self._features.items())
         line = f"{view}, {number(exposure_ms)} ms: got {len(got)}"
@@ -427,20 +417,3 @@ class ClosedLoop:
     def report(self) -> LoopReport:
         """What was had so far, and what was learnt on the way."""
         return LoopReport(outcomes=self.outcomes, n_captures=self._captures, log=tuple(self.log))
-
-
-def _features_of(
-    rings: pl.DataFrame, order: list[str], planned: Mapping[str, str]
-) -> dict[str, _Feature]:
-    views: dict[str, list[str]] = {}
-    for name, view in rings.select("feature", "view").iter_rows():
-        views.setdefault(name, []).append(view)
-    place = {view: i for i, view in enumerate(order)}
-    for name, view in planned.items():
-        if name in views and view not in views[name]:
-            msg = f"feature {name!r} is planned in view {view!r}, which does not see it"
-            raise InputError(msg)
-    return {
-        name: _Feature(views=sorted(each, key=lambda v: (v != planned.get(name), place[v])))
-        for name, each in views.items()
-    }

@@ -28,8 +28,15 @@ _FEWEST_DRAWS = 8
 _SURE = 0.9
 """Share of a feature's best chance at which a setting counts as one that serves it."""
 
+_LIKELY = 0.5
+"""Features that a capture should be expected to serve, where there is one that serves so many."""
+
+_EXTRA = 1e-2
+"""Weight of features that are planned elsewhere."""
+
+_BESIDE = 0.15
 _ELSEWHERE = 0.6
-"""Standard deviation of ln exposure time about a window that was not where it was expected."""
+"""Standard deviations of ln exposure time about a window that was not where it was expected."""
 
 
 def served_in_draws(
@@ -63,9 +70,11 @@ def served_in_draws(
             chosen = np.where(agrees, np.arange(n_draws), rng.choice(kept, n_draws))
             served[:, i] = served[chosen, i]
             continue
-        moved = windows_ms[:, i] * np.exp(_ELSEWHERE * rng.standard_normal((n_draws, 1)))
+        # a little beside where it was expected, or somewhere else
+        std = np.where(rng.random((n_draws, 1)) < 0.5, _BESIDE, _ELSEWHERE)
+        moved = windows_ms[:, i] * np.exp(std * rng.standard_normal((n_draws, 1)))
         elsewhere = ~_within(moved[:, None], times).any(axis=(1, 2))
-        elsewhere &= rng.random(n_draws) < 0.5 ** len(missed)  # that it can be had at all
+        elsewhere &= rng.random(n_draws) < 0.5 ** (len(missed) - 1)  # that it can be had at all
         served[:, i] = _within(moved[:, None], settings_ms)[:, 0] & elsewhere[:, None]
     return served
 
@@ -82,6 +91,46 @@ def after_misses(
         for each in missed:
             out[i] *= np.clip(np.abs(np.log(settings_ms / each)) / _ELSEWHERE, 0.0, 1.0)
     return out
+
+
+def best_place(
+    chance: FloatArray,
+    served: BoolArray | None,
+    fresh: BoolArray,
+    costs: FloatArray | None,
+    extra: FloatArray,
+) -> int:
+    """Return the setting after which fewest captures, or least cost, are to be expected.
+
+    Of equally good ones that which serves most features, and of these the middle one.
+
+    Parameters
+    ----------
+    chance : (n, m) ndarray
+        That a capture at each of m settings serves each of n features.
+    served : (d, n, m) ndarray of bool or None
+        In which draws it does; None of models without windows.
+    fresh : (m,) ndarray of bool
+        Settings that were not taken yet.
+    costs : (m,) ndarray or None
+        Of a capture at each setting, not falling; None to count captures.
+    extra : (m,) ndarray
+        Further features to expect, which are planned elsewhere.
+    """
+    expected = chance.sum(axis=0)
+    if served is None:
+        cost = -expected if costs is None else -expected / costs
+    elif costs is None:
+        cost = 1.0 + captures_left(served)
+    else:
+        cost = costs + cost_left(served, costs)
+    # what a capture that serves nobody would teach is not relied on
+    least = min(_LIKELY, float(expected[fresh].max(initial=0.0)))
+    cost = np.where(fresh & (expected >= least), cost, np.inf)
+    near = cost <= cost.min() + 1e-9 * abs(cost.min())
+    score = np.where(near, expected + _EXTRA * extra, -np.inf)
+    alike = np.flatnonzero(score >= score.max() - 1e-3)
+    return int(alike[len(alike) // 2])
 
 
 def captures_left(served: BoolArray) -> FloatArray:

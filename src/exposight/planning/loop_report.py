@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import polars as pl
 
-from exposight.errors import ObservationError
+from exposight.errors import InputError, ObservationError
 from exposight.geometry import RigidTransform
+from exposight.models.ring_data import clipped_share
 from exposight.observing import ObservationTable
-from exposight.tables import Column, Table, counted
+from exposight.tables import Column, Table, counted, number
 
 OutcomeStatus = Literal["had", "open", "given up", "not seen"]
+
+
+_HIGHEST = 2.0
+"""p_norm beyond which a table holds something else: points number as pixels, but for noise."""
+
+_CLIPS = 0.25
+"""Share of a ring that clips, or has too little modulation, from which it is why a ring fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,4 +175,75 @@ def one_capture(rows: ObservationTable, views: Collection[str]) -> tuple[str, fl
     if view not in views:
         msg = f"the capture is of view {view!r}, which the plan does not have: {', '.join(views)}"
         raise ObservationError(msg)
+    highest = max(rows.frame["p_norm"].drop_nulls().to_list(), default=0.0)
+    if highest > _HIGHEST:
+        msg = f"a p_norm of {highest:.3g} is no share of a ring's points; check if it is in percent"
+        raise ObservationError(msg)
     return str(view), float(exposure_ms)
+
+
+def brightness_of(frame: pl.DataFrame) -> dict[str, str]:
+    """Return of each row's feature whether it "clips", is "dark", or neither, which is empty."""
+    clips = clipped_share(frame) > _CLIPS
+    weak = np.zeros(frame.height)
+    if "low_modulation_share" in frame.columns:
+        weak = frame["low_modulation_share"].fill_null(0.0).to_numpy()
+    names = frame["feature"].to_list()
+    return {
+        name: "clips" if clips[i] else "dark" if weak[i] > _CLIPS else ""
+        for i, name in enumerate(names)
+    }
+
+
+def what_was_seen(tries: Sequence[tuple[float, str]]) -> str:
+    """Say what came of the exposure times, ms, by which a feature was missed."""
+    said = {
+        "dark": "too dark at {} ms",
+        "clips": "clips at {} ms",
+        "": "missed at {} ms although neither dark nor clipped: hidden, out of place, or not as "
+        "the pose says",
+    }
+    parts = []
+    for kind, text in said.items():
+        times = dict.fromkeys(number(each) for each, lit in tries if lit == kind)
+        if times:
+            parts.append(text.format(", ".join(times)))
+    return "; ".join(parts)
+
+
+@dataclass(kw_only=True)
+class FeatureState:
+    """What is known of a feature while measuring."""
+
+    views: list[str]
+    """Views that see it, the planned one first."""
+    had: bool = False
+    p_norm: float | None = None
+    best: tuple[str, float] | None = None
+    tries: int = 0
+    promised: float | None = None
+    reason: str = ""
+
+
+def feature_states(
+    rings: pl.DataFrame, order: list[str], planned: Mapping[str, str]
+) -> dict[str, FeatureState]:
+    """Return the features of some rings, each with the views that see it, its planned one first.
+
+    Raises
+    ------
+    InputError
+        If one is planned in a view that does not see it.
+    """
+    views: dict[str, list[str]] = {}
+    for name, view in rings.select("feature", "view").iter_rows():
+        views.setdefault(name, []).append(view)
+    place = {view: i for i, view in enumerate(order)}
+    for name, view in planned.items():
+        if name in views and view not in views[name]:
+            msg = f"feature {name!r} is planned in view {view!r}, which does not see it"
+            raise InputError(msg)
+    return {
+        name: FeatureState(views=sorted(each, key=lambda v: (v != planned.get(name), place[v])))
+        for name, each in views.items()
+    }

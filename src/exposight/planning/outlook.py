@@ -104,7 +104,7 @@ def planned_exposures(
         tuple(
             name
             for name, place, chance in zip(chances.features, best, chosen, strict=True)
-            if place == i and chance[i] > 0.0
+            if place == i and chance[i] >= WORTH_TRYING
         )
         for i in range(len(places))
     ]

@@ -15,7 +15,7 @@ _COLUMNS = (
     Column(name="view"),
     Column(name="exposure_ms", digits=4),
     Column(name="chance", label="chance\n%", decimals=1, scale=100.0),
-    Column(name="window_low_ms", label="window from\nms", digits=3),
+    Column(name="window_low_ms", label="median window\nfrom, ms", digits=3),
     Column(name="window_high_ms", label="to\nms", digits=3),
     Column(name="reason", wraps=True),
 )
