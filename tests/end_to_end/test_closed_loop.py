@@ -201,8 +201,25 @@ def test_a_program_is_led_from_request_to_request(begin, plan, replay, models, t
     assert asked[-1]["outcomes"] == at_once["outcomes"]
     # what was fed before is known, as single captures, as a campaign or as a table
     known = (tmp_path / "door", tmp_path / "door" / "observations.csv", *captures)
-    assert run_json("next", state, "--capture", *known)["fed"] == []
+    fed_again = run_json("next", state, "--capture", *known)
+    assert fed_again["fed"] == []
+    assert fed_again["notes"][0].startswith("known already: view z600 at ")
     assert run_json("next", *begin)["done"]
+
+
+def test_a_sensor_that_clamps_is_led_to_an_end(begin, campaign, run_json):
+    """Whatever it is asked for, it takes 40 ms, and all its images clip alike."""
+    clamped = campaign / "captures" / "000011"  # z600 at 40 ms
+    asked = run_json("next", *begin)
+    notes, calls = [], 0
+    while not asked["done"]:
+        asked = run_json("next", begin[0], "--capture", clamped)
+        notes += asked["notes"]
+        calls += 1
+        assert calls < 40
+    assert any("took 40 ms where" in note for note in notes)
+    assert "known already: view z600 at 40 ms" in notes
+    assert {each["status"] for each in asked["outcomes"]} == {"given up"}
 
 
 def test_people_read_the_request_first(begin, run):

@@ -89,9 +89,70 @@ def test_captures_fed_again_are_known(state, captured):
     assert step(state, capture(captured, 0), captured.path) is None
     with loop_step(state) as done:
         assert len(done.decisions) == 3
+        done.feed(captured.path)
+        assert "known already: view near at 10 ms" in done.known
     before = state.read_bytes()
     step(state, captured.path, captured.path / "observations.csv")
     assert state.read_bytes() == before
+
+
+def decided(state):
+    with loop_step(state) as open_step:
+        return [each.exposure_ms for each in open_step.decisions]
+
+
+def test_a_capture_that_shows_the_same_is_fed_when_it_comes_in_the_next_call_too(state, captured):
+    """As of a sensor that clamps: a program that only feeds and asks is led to an end."""
+    first = capture(captured, 0)
+    assert step(state, first) == ("near", 10.0)
+    assert step(state, first) == ("near", 10.0)  # as after an interrupted call
+    assert decided(state) == [1.0]
+    assert step(state, first, first) == ("far", 12.0)
+    assert decided(state) == [1.0, 1.0]
+    assert step(state, first) == ("far", 12.0)
+    assert step(state, first) == ("far", 12.0)  # of another view than the one asked for
+    assert decided(state) == [1.0, 1.0]
+
+
+def test_a_failed_capture_can_be_repeated(state, captured, tmp_path):
+    rows = read_observations(captured.path / "observations.csv").frame
+    rows = rows.filter(pl.col("exposure_ms") == 1.0).with_columns(p_norm=pl.lit(0.0))
+    for name, i_avg in (("dark", 0.0), ("less dark", 1.0), ("dark", 0.0)):
+        frame = rows.with_columns(i_avg=pl.lit(i_avg))
+        ObservationTable.from_frame(frame).write(tmp_path / f"{name}.csv")
+    step(state, tmp_path / "dark.csv")
+    step(state, tmp_path / "less dark.csv", tmp_path / "dark.csv")
+    assert decided(state) == [1.0, 1.0]
+    step(state, capture(captured, 0))
+    with loop_step(state) as open_step:
+        assert open_step.decisions[-1].succeeded == ("b1", "b2")
+
+
+def test_rows_that_are_there_twice_are_taken_once(state, captured, tmp_path):
+    rows = read_observations(captured.path / "observations.csv").frame
+    ObservationTable.from_frame(pl.concat([rows, rows])).write(tmp_path / "twice.csv")
+    step(state, captured.path / "observations.csv")
+    before = state.read_bytes()
+    step(state, tmp_path / "twice.csv")
+    assert state.read_bytes() == before
+    other = ObservationTable.from_frame(pl.concat([rows, rows.with_columns(p_norm=pl.lit(0.5))]))
+    other.write(tmp_path / "two.csv")
+    with pytest.raises(InputError, match="'b1' has two different rows in view 'near' at 1 ms"):
+        step(state, tmp_path / "two.csv")
+
+
+def test_an_exposure_time_that_was_not_asked_for_is_remarked_upon(state, captured, tmp_path):
+    rows = read_observations(captured.path / "observations.csv").frame
+    near = rows.filter((pl.col("view") == "near") & (pl.col("exposure_ms") == 1.0))
+    for ms in (1.5, 45.0):
+        frame = near.with_columns(exposure_ms=pl.lit(ms))
+        ObservationTable.from_frame(frame).write(tmp_path / f"{ms}.csv")
+    step(state, tmp_path / "1.5.csv")  # within the increment
+    step(state, tmp_path / "45.0.csv")
+    with loop_step(state) as open_step:
+        one, other = (each.remark for each in open_step.decisions)
+    assert one == ""
+    assert "took 45 ms where 10 ms was asked for" in other
 
 
 def test_a_table_is_fed_like_its_captures(state, captured, tmp_path, plate_plan):
@@ -122,15 +183,6 @@ def test_a_capture_that_was_not_asked_for_counts_too(state, captured):
         (decision,) = open_step.decisions
     assert decision.asked_ms is None
     assert decision.why == "far, 12 ms: not asked for, near, 1 ms was"
-
-
-def test_another_capture_of_the_same_view_and_time_is_refused(state, captured, tmp_path):
-    step(state, captured.path)
-    rows = read_observations(captured.path / "observations.csv").frame
-    other = ObservationTable.from_frame(rows.with_columns(p_norm=rows["p_norm"] / 2))
-    other.write(tmp_path / "other.csv")
-    with pytest.raises(InputError, match="another capture of view 'near' at 1 ms was fed before"):
-        step(state, tmp_path / "other.csv")
 
 
 def test_captures_of_other_views_features_and_sensors_are_refused(

@@ -14,7 +14,7 @@ from exposight.cli.result import Result, fact
 from exposight.errors import FileError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.measuring import LoopState, LoopStep, loop_step
-from exposight.measuring.decisions import OPEN, outcomes_table
+from exposight.measuring.decisions import HAD, OPEN, outcomes_table
 from exposight.planning import read_exposure_plan
 from exposight.planning.loop_report import Request
 from exposight.tables import count, counted, number
@@ -91,7 +91,7 @@ def next_command(
     For programs that move a robot and a sensor themselves: take the capture that is asked for, and
     call again with it. Each call takes note of the captures named, with the exposure time read
     back, and keeps all it knows in the state's file, which is replaced as a whole: a call that is
-    interrupted is repeated. Captures that were fed before are known again.
+    interrupted is repeated. A capture fed before is known already, and said to be.
 
     For example:
 
@@ -113,8 +113,7 @@ def next_command(
         for path in capture:
             step.feed(path)
         request = step.request()
-        if there is None or len(step.decisions) > before:
-            step.save()
+        step.save()
     return _result(step, request, before)
 
 
@@ -125,7 +124,7 @@ def _begun(path: Path, there: LoopStep | None, begin: BeginOptions) -> LoopStep:
             msg = f"no state of a loop at {path}; begin one with --plan and --models"
             raise MissingFileError(msg)
         return LoopStep(path, begin.state())
-    if begin != _GOES_ON and begin.state() != replace(there.state, captures=()):
+    if begin != _GOES_ON and begin.state() != there.state.begun:
         msg = (
             f"{path} is the state of another loop; leave out --plan and what belongs to it to go "
             "on with that, or name another file"
@@ -136,22 +135,28 @@ def _begun(path: Path, there: LoopStep | None, begin: BeginOptions) -> LoopStep:
 
 def _result(step: LoopStep, request: Request | None, before: int) -> Result:
     outcomes, n, fed = step.loop.outcomes, len(step.decisions), step.decisions[before:]
-    left = sum(each.status == OPEN for each in outcomes)
+    statuses: list[str] = [each.status for each in outcomes]
+    left = f"{counted(statuses.count(OPEN), 'feature')} left"
+    if request is None:
+        left = f"the loop has ended with {statuses.count(HAD)} of {len(statuses)} features had"
+    remarks = (f"capture {each.number + 1}: {each.remark}" for each in fed if each.remark)
+    notes = (*step.known, *remarks)
     document = None if request is None else _document(request)
     facts = (
         fact("done", request is None, ""),
         fact("request", document, "" if request is None else _in_words(request)),
-        fact("captures", n, f"{count(n)}; {counted(left, 'feature')} left"),
+        fact("captures", n, f"{count(n)}; {left}"),
         fact("fed", fed, "\n".join(map(str, fed))),
     )
     table = outcomes_table(outcomes, step.plan)
     if document is None:
-        return Result(title=step.verdict, facts=facts, tables=(table,))
+        return Result(title=step.verdict, facts=facts, tables=(table,), notes=notes)
     title = (
         f"capture {document['view']} at {number(document['exposure_ms'])} ms: set "
         f"{document['set_value']:.9g} {document['set_unit']}"
     )
-    return Result(title=title, facts=facts, tables=(replace(table, shown_rows=0),))
+    tables = (replace(table, shown_rows=0),)
+    return Result(title=title, facts=facts, tables=tables, notes=notes)
 
 
 def _in_words(request: Request) -> str:

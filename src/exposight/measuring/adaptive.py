@@ -40,6 +40,9 @@ from exposight.planning.loop_report import Outcome, Request
 from exposight.tables import Table
 from exposight.workers import Progress, ignore_progress
 
+REPEATED_FOLDER = "repeated"
+"""Campaign, inside the loop's, of captures whose exposure time read back had been taken before."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopResult:
@@ -238,6 +241,8 @@ class _LoopRun:
                 files: Mapping[str, bytes] = getattr(self.driver, "campaign_files", dict)()
                 for name, content in files.items():
                     write_durably(folder / name, content)
+            total = len(self.loop.outcomes)
+            self.progress("measuring", 0, total)
             for number, description in zip(there.numbers, there.descriptions(), strict=True):
                 data = there.attachments(number)[OBSERVATIONS_FILE]
                 rows = parse_observations(data, f"{folder}, capture {number}")
@@ -248,7 +253,7 @@ class _LoopRun:
             write_decisions(folder, decisions)
             observer = Observer(self.part, self.driver.sensor)
             while (request := self.loop.next()) is not None:
-                self._note(decisions, self._capture(writer, observer, request))
+                self._note(decisions, self._capture(folder, writer, observer, request))
                 write_decisions(folder, decisions)
             campaign = CampaignFolder(folder)
             write_table(campaign)
@@ -264,7 +269,9 @@ class _LoopRun:
         total = len(self.loop.outcomes)
         self.progress("measuring", total - decision.left, total)
 
-    def _capture(self, writer: CampaignWriter, observer: Observer, request: Request) -> Decision:
+    def _capture(
+        self, folder: Path, writer: CampaignWriter, observer: Observer, request: Request
+    ) -> Decision:
         """Take what was asked for, write it with its observations, and take note of it."""
         view, asked_ms = request.view, request.exposure_ms
         pose = request.camera_from_part
@@ -272,9 +279,17 @@ class _LoopRun:
         try:
             capture = take_capture(self.driver, self.driver.sensor, asked_ms, pose, view=view)
             if writer.has(view, capture.exposure_ms):
+                aside = folder / REPEATED_FOLDER
+                with CampaignWriter.open_or_create(
+                    aside, name=self.part.name, sensor=self.driver.sensor, part=self.part
+                ) as repeated:
+                    if not repeated.has(view, capture.exposure_ms):
+                        repeated.add(capture)
                 msg = (
                     f"the sensor was set to {asked_ms:g} ms and took {capture.exposure_ms:g} ms, "
-                    "which it had taken before; plan with the increment that it really has"
+                    "which it had taken before; a campaign holds one capture of a view and "
+                    f"exposure time, so the repeated one is kept in {aside} and the loop stops; "
+                    "plan with the increment that the sensor really has"
                 )
                 raise SensorError(msg)
         except ExposightError as error:

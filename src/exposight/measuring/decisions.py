@@ -18,6 +18,7 @@ import polars as pl
 from exposight.cell import Part
 from exposight.files import DocumentFormat, write_durably
 from exposight.geometry import RigidTransform
+from exposight.measuring.view_work import same_exposure
 from exposight.observing import ObservationTable
 from exposight.planning import ExposurePlan
 from exposight.planning.loop_report import LoopReport, Outcome, Request
@@ -135,6 +136,29 @@ def feed(
 def _not_asked_for(view: str, exposure_ms: float, request: Request | None) -> str:
     wanted = "nothing" if request is None else f"{request.view}, {number(request.exposure_ms)} ms"
     return f"{view}, {number(exposure_ms)} ms: not asked for, {wanted} was"
+
+
+def exposure_remark(
+    request: Request | None, view: str, exposure_ms: float, increment_ms: float
+) -> str:
+    """Return a remark where an exposure time read back is not the one asked for.
+
+    Parameters
+    ----------
+    request : Request or None
+        What was asked for; of another view it is no matter.
+    view, exposure_ms : str, float in ms
+        What was captured.
+    increment_ms : float, ms
+        The sensor's, by which they may differ.
+    """
+    asked = None if request is None or request.view != view else request.exposure_ms
+    if asked is None or same_exposure(asked, exposure_ms, increment_ms):
+        return ""
+    return (
+        f"the sensor took {number(exposure_ms)} ms where {number(asked)} ms was asked for: check "
+        "its setting and the unit"
+    )
 
 
 def pose_remark(

@@ -1,8 +1,9 @@
 """The closed loop one step at a time over files, for programs that take captures themselves.
 
 A state holds the plan and every capture's observations as they were fed. It is one file, which is
-replaced as a whole: whatever happens, the old or the new one is there, and feeding a capture again
-does no harm. The models stay in their files, whose checksums the state knows.
+replaced as a whole: whatever happens, the old or the new one is there, and a call that was
+interrupted can be repeated: a capture whose rows are all as they were fed is known already. The
+models stay in their files, whose checksums the state knows.
 """
 
 from __future__ import annotations
@@ -25,10 +26,18 @@ from exposight.files import (
     write_durably,
 )
 from exposight.measuring.adaptive import observed_part, planned_loop, view_poses
-from exposight.measuring.decisions import Decision, Loop, feed, pose_remark, verdict
+from exposight.measuring.decisions import (
+    Decision,
+    Loop,
+    exposure_remark,
+    feed,
+    pose_remark,
+    verdict,
+)
 from exposight.observing import ObservationTable, Observer, parse_observations, read_observations
 from exposight.planning import ExposurePlan, SensorModels, parse_exposure_plan
 from exposight.planning.loop_report import Request
+from exposight.tables import number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +90,8 @@ class LoopState:
         Checksum of each model's file by the model's name.
     captures : tuple of FedCapture
         What was fed, in its order.
+    nothing_new : bool
+        Whether a call since brought a known capture of the view that is asked for.
     """
 
     plan: str
@@ -90,6 +101,12 @@ class LoopState:
     models: tuple[str, ...]
     models_sha256: dict[str, Checksum]
     captures: tuple[FedCapture, ...] = field(default=())
+    nothing_new: bool = False
+
+    @property
+    def begun(self) -> LoopState:
+        """The state before any capture."""
+        return replace(self, captures=(), nothing_new=False)
 
     @classmethod
     def begin(
@@ -185,6 +202,8 @@ class LoopStep:
             raise FileError(msg)
         self.loop: Loop = planned_loop(self.plan, models, self.part, self.sensor)
         self.decisions: list[Decision] = []
+        self.known: list[str] = []
+        self._before = state
         for capture in state.captures:
             self._feed(capture)
 
@@ -198,7 +217,13 @@ class LoopStep:
         return verdict(self.loop.outcomes, len(self.decisions), self.plan)
 
     def feed(self, path: Path) -> list[Decision]:
-        """Take note of captures, one after the other; those that were fed before are left out.
+        """Take note of captures, one after the other.
+
+        Those whose rows are all as they were fed before are left out and named in `known`; others
+        of the same view and exposure time are captures that were repeated. Where the second call in
+        a row brings a known capture of the view that is asked for, it is taken for a repeated one
+        that shows the same to the last grey level, as clipped ones do: a sensor that does not take
+        the exposure times asked for cannot keep the loop waiting.
 
         Parameters
         ----------
@@ -208,8 +233,8 @@ class LoopStep:
         Raises
         ------
         InputError
-            If the plan has no such view, another capture of this view and exposure time was fed
-            before, or there is no row of the plan's features.
+            If the plan has no such view, a capture has different rows of one feature, or there is
+            no row of the plan's features.
         SensorError, ImageError, CloudError
             If a capture cannot be this sensor's.
         FileError
@@ -233,29 +258,41 @@ class LoopStep:
     def _feed_folder(self, folder: Path) -> Decision | None:
         description = read_bytes(folder / "capture.json", "capture")
         sha256 = sha256_of(description)
-        if any(each.sha256 == sha256 for each in self.state.captures):
-            return None
+        for known in reversed(self.state.captures):
+            if known.sha256 == sha256 and self._is_known(known):
+                return None
         capture = read_capture(folder)
         self._check_view(capture.view)
         capture.check_fits(self.sensor)
         rows = Observer(self.part, self.sensor).observe(capture)
-        request, pose = self.loop.next(), capture.camera_from_part
-        remark = pose_remark(self.part, request, capture.view, pose)
+        pose = capture.camera_from_part
+        remark = pose_remark(self.part, self.loop.next(), capture.view, pose)
         return self._add(ObservationTable.from_observations(rows), remark=remark, sha256=sha256)
 
     def _feed_table(self, table: ObservationTable) -> list[Decision]:
         names = [feature.name for feature in self.part.features]
         table = table.where(table.frame["feature"].is_in(names))
+        table = ObservationTable(frame=table.frame.unique(maintain_order=True), checked=True)
         if len(table) == 0:
             msg = f"the table has no row of the plan's features, which are {', '.join(names)}"
             raise InputError(msg)
         captures = table.frame.partition_by("view", "exposure_ms", maintain_order=True)
+        for frame in captures:
+            twice = frame.filter(frame["feature"].is_duplicated())
+            if twice.height:
+                feature, view, ms = twice.select("feature", "view", "exposure_ms").row(0)
+                msg = (
+                    f"feature {feature!r} has two different rows in view {view!r} at {ms:g} ms; "
+                    "feed repeated captures one after the other, each as a table of its own"
+                )
+                raise InputError(msg)
         added = [self._add(ObservationTable(frame=frame, checked=True)) for frame in captures]
         return [decision for decision in added if decision is not None]
 
     def save(self) -> None:
-        """Write the state to its file, durably."""
-        write_durably(self._path, _FORMAT.seal(self.state))
+        """Write the state to its file, durably, unless it holds just this."""
+        if self.state is not self._before or not self._path.is_file():
+            write_durably(self._path, _FORMAT.seal(self.state))
 
     def _check_view(self, view: str) -> None:
         views = [each.name for each in self.plan.views]
@@ -263,31 +300,53 @@ class LoopStep:
             msg = f"the plan has no view {view!r}{did_you_mean(view, views)}"
             raise InputError(msg)
 
-    def _add(self, table: ObservationTable, **facts: str) -> Decision | None:
+    def _add(
+        self, table: ObservationTable, *, remark: str = "", sha256: str = ""
+    ) -> Decision | None:
         """Take note of a capture's observations, unless they were fed before."""
         view, exposure_ms = str(table.frame["view"][0]), float(table.frame["exposure_ms"][0])
         self._check_view(view)
-        for known in self.state.captures:
-            if (known.view, known.exposure_ms) != (view, exposure_ms):
-                continue
-            if _p_norm(known.rows) == _p_norm(table):
-                return None
-            msg = (
-                f"another capture of view {view!r} at {exposure_ms:g} ms was fed before; captures "
-                "are known by view and exposure time: give the view's first one only"
-            )
-            raise InputError(msg)
+        increment_ms = self.sensor.exposure.increment_ms
+        remarks = (exposure_remark(self.loop.next(), view, exposure_ms, increment_ms), remark)
         capture = FedCapture(
-            view=view, exposure_ms=exposure_ms, observations=table.frame.write_csv(), **facts
+            view=view,
+            exposure_ms=exposure_ms,
+            observations=table.frame.write_csv(),
+            remark="; ".join(filter(None, remarks)),
+            sha256=sha256,
         )
-        self.state = replace(self.state, captures=(*self.state.captures, capture))
+        for known in reversed(self.state.captures):
+            alike = (known.view, known.exposure_ms) == (view, exposure_ms)
+            if alike and _same_rows(known, capture) and self._is_known(known):
+                return None
+        self.state = replace(
+            self.state, captures=(*self.state.captures, capture), nothing_new=False
+        )
         return self._feed(capture)
 
+    def _is_known(self, capture: FedCapture) -> bool:
+        """Say that a capture is known already; False where it is to be taken for a new one."""
+        request = self.loop.next()
+        if request is not None and request.view == capture.view:
+            if self._before.nothing_new and self._before.captures is self.state.captures:
+                return False
+            self.state = replace(self.state, nothing_new=True)
+        line = f"known already: view {capture.view} at {number(capture.exposure_ms)} ms"
+        if line not in self.known:
+            self.known.append(line)
+        return True
+
     def _feed(self, capture: FedCapture) -> Decision:
-        request, number = self.loop.next(), len(self.decisions)
-        self.decisions.append(feed(self.loop, number, capture.rows, request, capture.remark))
+        request, place = self.loop.next(), len(self.decisions)
+        self.decisions.append(feed(self.loop, place, capture.rows, request, capture.remark))
         return self.decisions[-1]
 
 
-def _p_norm(table: ObservationTable) -> dict[str, float | None]:
-    return dict(table.frame.select("feature", "p_norm").iter_rows())
+def _same_rows(one: FedCapture, other: FedCapture) -> bool:
+    """Tell whether two captures' observations are the same in all columns, as they are kept."""
+    if one.observations == other.observations:
+        return True
+    frame, another = (each.rows.frame.sort("feature") for each in (one, other))
+    return set(frame.columns) == set(another.columns) and frame.equals(
+        another.select(frame.columns)
+    )
