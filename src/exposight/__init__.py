@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # what editors and mypy see of `_ROOMS`
     from exposight.measuring.measure import measure
     from exposight.models import ModelSpecification, Prediction, Predictor, load_model, save_model
     from exposight.observing import Campaign, ObservationTable, open_campaign, read_observations
-    from exposight.planning import Forecast, SensorModels, plan, train
+    from exposight.planning import Forecast, SensorModels, plan, read_exposure_plan, train
     from exposight.plans import plan_preset, read_plan
 
 __version__ = "0.1.0"
@@ -52,7 +52,7 @@ _ROOMS = {
     "measuring": ("measure",),
     "models": ("ModelSpecification", "Prediction", "Predictor", "load_model", "save_model"),
     "observing": ("Campaign", "ObservationTable", "open_campaign", "read_observations"),
-    "planning": ("Forecast", "SensorModels", "plan", "train"),
+    "planning": ("Forecast", "SensorModels", "plan", "read_exposure_plan", "train"),
     "plans": ("plan_preset", "read_plan"),
 }  # fmt: skip
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}

@@ -52,6 +52,15 @@ def test_least_time_takes_no_longer_than_fewest_captures(plan):
     assert fewest["captures"] <= quickest["captures"]
 
 
+def test_views_of_a_table_have_no_poses_and_the_plan_says_so(
+    models, campaign, run, run_json, tmp_path
+):
+    table, path = tmp_path / "table.csv", tmp_path / "plan.json"
+    assert run("observe", campaign, "-o", table).exit_code == 0
+    told = run_json("plan", models, "--views", table, "--confidence", 0.6, "-o", path)
+    assert any("does not tell where" in note for note in told["notes"])
+
+
 def test_a_budget_and_the_trade_off(plan):
     told = plan("--budget", 1, "--trade-off")
     assert told["captures"] <= 1
@@ -64,8 +73,8 @@ def test_a_budget_and_the_trade_off(plan):
     ("words", "status", "message"),
     [
         (("--confidence", 1), 1, "confidence is a chance above 0 and below 1"),
-        (("--budget", 0), 1, "a budget allows at least one capture, got 0"),
-        (("--budget-s", 0), 1, "a budget allows some milliseconds, got 0"),
+        (("--budget", 0), 1, "a whole number of captures, at least one, got 0"),
+        (("--budget-s", 0), 2, "Must be > 0"),
         (("--budget", 2, "--budget-s", 2), 2, "not both"),
         (("--budget", 2, "--goal", "time"), 2, "--budget counts captures"),
         (("--expected-misses", 500), 1, "expected misses are a number above 0 and below"),
@@ -73,6 +82,7 @@ def test_a_budget_and_the_trade_off(plan):
         (("--limits", "zivid"), 1, "did you mean 'zivid-2'"),
         (("-o", "plan.toml"), 2, "the exposure plan is a .json file"),
         (("--sensor", "comet-pro-ae"), 2, "--sensor goes with --views auto"),
+        (("--reach", "0:1,0:1,0:1"), 2, "go with --views auto"),
         (("--features", "f.csv"), 2, "--features goes with a measuring plan"),
     ],
 )

@@ -28,13 +28,12 @@ from exposight.planning import (
     trade_off,
     write_exposure_plan,
 )
+from exposight.planning.covering.cover_wishes import check_goal, check_misses
+from exposight.planning.outlook_table import who_fails
 from exposight.planning.part_plan import check_same_sensor, model_references, view_chances
 from exposight.plans import write_plan
 from exposight.tables import Table, counted, number
 from exposight.workers import Progress
-
-_NAMED = 3
-"""So many failing features stand in the first line."""
 
 
 @Parameter("*", group=Group("Views and features", sort_key=2))
@@ -70,6 +69,9 @@ class PlannedViewOptions:
             If a file cannot be used, or no view sees a feature.
         """
         if self.views != AUTO:
+            if auto != AutoViewOptions():
+                msg = f"--mesh, --reach, --count and the like go with --views {AUTO}"
+                raise UsageError(msg)
             if self.sensor is not None:
                 msg = f"--sensor goes with --views auto; {self.views} names its sensor itself"
                 raise UsageError(msg)
@@ -97,7 +99,7 @@ def plan_command(
     confidence: float = CONFIDENCE,
     need: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = P_NORM_MIN,
     budget: int | None = None,
-    budget_s: Annotated[float | None, Parameter(metavar="S")] = None,
+    budget_s: Annotated[float | None, Parameter(metavar="S", validator=Number(gt=0))] = None,
     expected_misses: float | None = None,
     prefer: Prefer = "margin",
     move: Annotated[float, Parameter(metavar="MS", validator=Number(gte=0))] = 0.0,
@@ -157,6 +159,7 @@ def plan_command(
     """
     check_confidence(confidence)
     goal, limit = _budget(goal, budget, budget_s)
+    check_goal(goal, limit, time_limit)
     files = _files(models, output, measuring_plan)
     sensor_models = SensorModels.load(*models)
     with progress_bars() as progress:
@@ -170,6 +173,8 @@ def plan_command(
         limits = exposures.exposure_limits(candidates.sensor or sensor_models.sensor)
         costs = replace(exposures.costs, move_ms=move)
         rings = candidates.frame
+        if expected_misses is not None:
+            check_misses(expected_misses, rings["feature"].n_unique())
         progress("forecasting", 0, 1)
         chances = view_chances(sensor_models, rings, limits, need=need)
         progress("forecasting", 1, 1)
@@ -202,6 +207,7 @@ def plan_command(
                     costs,
                     goal=goal,
                     confidence=plan.confidence,
+                    plan=plan,
                     time_limit_s=time_limit,
                     progress=progress,
                 ),
@@ -214,7 +220,7 @@ def plan_command(
         title=_answer(plan),
         facts=_facts(plan, candidates),
         tables=(plan.view_table, plan.table, *curve),
-        notes=plan.notes,
+        notes=(*plan.notes, *_without_poses(plan, output)),
         files=files,
     )
 
@@ -251,13 +257,17 @@ def _files(
 
 def _answer(plan: ExposurePlan) -> str:
     """Return what to take and who fails, in a line."""
-    failing = [
-        f"{each.feature} fails because {each.reason}" if each.reason else f"{each.feature} fails"
-        for each in plan.features
-        if each.status != "planned"
-    ]
-    more = [f"so do {len(failing) - _NAMED} more"] if len(failing) > _NAMED else []
-    return "; ".join((plan.verdict, *failing[:_NAMED], *more))
+    return "; ".join(filter(None, (plan.verdict, who_fails(plan.features))))
+
+
+def _without_poses(plan: ExposurePlan, output: Path | None) -> tuple[str, ...]:
+    unknown = [view.name for view in plan.views if view.camera_from_part is None]
+    if output is None or not unknown:
+        return ()
+    return (
+        f"{output} does not tell where {counted(len(unknown), 'view')} are: plan with the views "
+        "of a measuring plan or a campaign for measure and next",
+    )
 
 
 def _facts(plan: ExposurePlan, candidates: CandidateViews) -> tuple[Fact, ...]:
@@ -266,7 +276,9 @@ def _facts(plan: ExposurePlan, candidates: CandidateViews) -> tuple[Fact, ...]:
     tried = len(plan.features) - len(plan.with_status("not planned"))
     time_s = plan.time_ms / 1000.0
     return (
-        fact("captures", plan.n_captures, f"{plan.n_captures}, {plan.proof}"),
+        fact(
+            "captures", plan.n_captures, f"{plan.n_captures}, {plan.proof}" if plan.views else "0"
+        ),
         fact("time_s", time_s, number(time_s)),
         fact(
             "views_to_choose_from", n_views, f"{counted(n_views, 'view')}, from {candidates.source}"
@@ -274,9 +286,11 @@ def _facts(plan: ExposurePlan, candidates: CandidateViews) -> tuple[Fact, ...]:
         fact(
             "expected",
             promise.expected_covered,
-            f"{number(promise.expected_covered, 4)} of {counted(tried, 'feature')} that are tried, "
+            f"{number(promise.expected_covered, 4)} of {counted(tried, 'feature')} tried, "
             f"{number(promise.expected_misses, 2)} to be missed; the chance that none is: "
-            f"{math.floor(1000.0 * promise.chance_of_all) / 10.0:g} % or more",
+            f"{math.floor(1000.0 * promise.chance_of_all) / 10.0:g} % or more"
+            if plan.views
+            else "",
         ),
         fact("promise", promise, ""),
         fact("certificate", plan.certificate, ""),

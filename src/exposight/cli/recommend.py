@@ -14,13 +14,11 @@ from exposight.cli.result import Fact, Result, Written, fact
 from exposight.files import write_durably
 from exposight.models import P_NORM_MIN
 from exposight.planning import CONFIDENCE, Prefer, Recommendation, SensorModels, check_confidence
+from exposight.planning.outlook_table import who_fails
 from exposight.tables import Column, Table, counted, number
 
 _NO_VIEW = ViewOptions()
 _USUAL = ExposureOptions()
-_NAMED = 3
-"""So many failing features stand in the first line."""
-
 _EXPOSURE_COLUMNS = (
     Column(name="order", label="take"),
     Column(name="exposure_ms"),
@@ -112,9 +110,7 @@ def recommend_command(
 
 def _answer(recommendation: Recommendation) -> str:
     """Return what to take and who fails, in a line."""
-    failing = [f"{each.feature} fails because {each.reason}" for each in recommendation.failing]
-    more = [f"so do {len(failing) - _NAMED} more"] if len(failing) > _NAMED else []
-    return "; ".join((recommendation.verdict, *failing[:_NAMED], *more))
+    return "; ".join(filter(None, (recommendation.verdict, who_fails(recommendation.features))))
 
 
 def _facts(recommendation: Recommendation) -> tuple[Fact, ...]:

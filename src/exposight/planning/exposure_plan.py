@@ -128,6 +128,8 @@ class ExposurePlan:
         Quality that is asked for.
     confidence : float
         Chance that each feature shall have.
+    expected_misses : float or None
+        So many features at most shall be expected to fail, from which the confidence follows.
     goal : {"count", "time"}
         What there shall be least of.
     prefer : {"margin", "time"}
@@ -159,6 +161,7 @@ class ExposurePlan:
     part: str
     target_p_norm: float
     confidence: float
+    expected_misses: float | None = None
     goal: Goal
     prefer: Prefer = "margin"
     budget: float | None = None
@@ -259,14 +262,38 @@ class ExposurePlan:
         bound = number(proof.bound, 4)
         if proof.unit == "features":
             return "no plan serves more" if proof.proven else f"at most {bound} features can be had"
+        least = "fewest" if proof.unit == "captures" else "quickest"
+        if self.expected_misses is not None:
+            each = f"each feature at {100 * self.confidence:.4g} %"
+            if not proof.proven:
+                each = f"at least {bound} {proof.unit} are needed for {each}"
+            less = "fewer captures" if proof.unit == "captures" else "less time"
+            return (
+                f"{f'proven {least} for {each}' if proof.proven else each}; for "
+                f"{self.expected_misses:g} expected misses {less} may be enough"
+            )
         if proof.proven:
-            return "proven " + ("fewest" if proof.unit == "captures" else "quickest")
+            return f"proven {least}"
         return f"at least {bound} {proof.unit} are needed (gap {100 * proof.gap:.1f} %)"
 
     @property
+    def misses(self) -> float:
+        """How many of all features are to be expected to fail, those not planned among them."""
+        return float(sum(1.0 - each.chance for each in self.features))
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        """Who fails and why, reasons that are alike together; and remarks."""
-        return (*failures(self.features), *self.remarks)
+        """Why features that are tried may fail, a wish that is not kept, and remarks."""
+        wish = self.expected_misses
+        broken = (
+            ()
+            if wish is None or self.misses <= wish + _CLOSE
+            else (
+                f"not kept: {wish:g} expected misses were asked for, {number(self.misses, 3)} are "
+                f"to be expected of all {counted(len(self.features), 'feature')}",
+            )
+        )
+        return (*broken, *failures(self.features), *self.remarks)
 
     @property
     def frame(self) -> pl.DataFrame:
@@ -352,6 +379,16 @@ class ExposurePlan:
     def to_json(self) -> str:
         """Return the plan as a JSON document (``docs/formats.md``)."""
         return _FORMAT.to_json(self)
+
+    def write(self, path: str | Path) -> None:
+        """Write the plan's JSON file, for `read_exposure_plan`; it is whole or absent.
+
+        Raises
+        ------
+        FileError
+            If the disk refuses.
+        """
+        write_exposure_plan(path, self)
 
 
 _FORMAT = DocumentFormat("exposight plan", 1, ExposurePlan)

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import polars as pl
 
 from exposight.planning.outlook import FeatureOutlook
 from exposight.tables import Column, Table
+
+
+class _WhyNotPlanned(Column):
+    """The reason of what is not planned; remarks give the others, together where alike."""
+
+    def cell(self, row: Mapping[str, Any]) -> str:
+        return super().cell(row) if row["status"] == "not planned" else ""
+
 
 _COLUMNS = (
     Column(name="feature"),
@@ -17,7 +26,7 @@ _COLUMNS = (
     Column(name="chance", label="chance\n%", decimals=1, scale=100.0),
     Column(name="window_low_ms", label="median window\nfrom, ms", digits=3),
     Column(name="window_high_ms", label="to\nms", digits=3),
-    Column(name="reason", wraps=True),
+    _WhyNotPlanned(name="reason", wraps=True),
 )
 
 
@@ -39,7 +48,7 @@ def outlook_table(features: Sequence[FeatureOutlook], *, of_one_view: bool = Fal
     """Return the features, those that fail first."""
     frame = outlook_frame(features).with_columns(planned=pl.col("status") == "planned")
     left_out = {"view"} if of_one_view else set()
-    if not any(each.reason for each in features):
+    if not any(each.reason for each in features if each.status == "not planned"):
         left_out.add("reason")
     return Table(
         name="features",
@@ -51,7 +60,9 @@ def outlook_table(features: Sequence[FeatureOutlook], *, of_one_view: bool = Fal
 def failures(
     features: Sequence[FeatureOutlook], hidden: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Return who fails and why, reasons that are alike together.
+    """Return why features that are tried may fail, reasons that are alike together.
+
+    Of those that are not planned the table says it (`outlook_table`).
 
     Parameters
     ----------
@@ -61,9 +72,23 @@ def failures(
     """
     reasons: dict[str, list[str]] = {}
     for each in features:
-        if each.reason:
+        if each.reason and each.status != "not planned":
             chance = f" ({100 * each.chance:.0f} %)" if each.status == "best effort" else ""
             reasons.setdefault(each.reason, []).append(f"{each.feature}{chance}")
     for name, reason in (hidden or {}).items():
         reasons.setdefault(f"not seen, {reason}", []).append(name)
     return tuple(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+
+
+def who_fails(features: Sequence[FeatureOutlook]) -> str:
+    """Return the first of those that do not reach the confidence, in a phrase; empty if all do."""
+    failing = [each for each in features if each.status != "planned"]
+    if not failing:
+        return ""
+    if len(failing) == 1:
+        (one,) = failing
+        return f"{one.feature} fails" + (f" because {one.reason}" if one.reason else "")
+    first, second = failing[0].feature, failing[1].feature
+    if len(failing) == 2:
+        return f"{first} and {second} fail"
+    return f"{first}, {second} and {len(failing) - 2} more fail"

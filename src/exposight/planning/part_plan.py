@@ -15,9 +15,10 @@ from exposight.observing import View
 from exposight.planning.beliefs import belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.covering.cover import plan_exposures
+from exposight.planning.covering.cover_wishes import check_goal
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import ExposurePlan, ModelReference
-from exposight.planning.recommendation import CONFIDENCE
+from exposight.planning.recommendation import CONFIDENCE, check_confidence
 from exposight.planning.sensor_models import SensorModels
 
 _SETTINGS = 100
@@ -107,6 +108,9 @@ def plan(
     SensorError
         If the models were trained on another sensor.
     """
+    check_confidence(confidence)
+    check_goal(wishes.get("goal", "count"), wishes.get("budget"), wishes.get("time_limit_s", 1.0))
+    _check_part(part, views)
     sensor = sensor or models.sensor
     if sensor is None:
         msg = "the models do not know their sensor: give the sensor that measures"
@@ -139,6 +143,23 @@ def plan(
         models=model_references(models),
         **wishes,
     )
+
+
+def _check_part(part: Part, views: Mapping[str, RigidTransform]) -> None:
+    """Check that views are poses by name, which a list or names of views are not."""
+    if not isinstance(part, Part):
+        msg = f"expected a Part, got {part!r}; a campaign's is campaign.part"
+        raise InputError(msg)
+    wrong = (
+        [each for each in views.values() if not isinstance(each, RigidTransform)]
+        if isinstance(views, Mapping)
+        else [views]
+    )
+    if wrong:
+        msg = (
+            f"expected views' camera_from_part by name, {{name: RigidTransform}}, got {wrong[0]!r}"
+        )
+        raise InputError(msg)
 
 
 def model_references(models: SensorModels) -> tuple[ModelReference, ...]:

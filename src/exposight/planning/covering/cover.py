@@ -11,12 +11,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.errors import InputError
 from exposight.geometry import RigidTransform
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.covering.cover_budget import most_within
 from exposight.planning.covering.cover_demand import Demand, demand_of
 from exposight.planning.covering.cover_solver import cheapest_cover
+from exposight.planning.covering.cover_wishes import check_goal, check_misses, least_for_misses
 from exposight.planning.covering.visiting_order import visiting_order
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import (
@@ -41,9 +41,6 @@ FloatArray: TypeAlias = NDArray[np.float64]
 Places: TypeAlias = list[tuple[int, ...]]
 
 _DUST = 1e-9
-
-_LEAST_MS = 1e-3
-"""No capture is shorter."""
 
 _PROVEN = 2e-4
 """A gap below this counts as none, where costs are times."""
@@ -94,8 +91,9 @@ def plan_exposures(
     confidence : float
         Chance that each feature shall have.
     expected_misses : float, optional
-        Of n features at most so many shall be expected to fail, in place of the confidence, which
-        becomes 1 − expected_misses / n (Bonferroni).
+        Of n features at most so many shall be expected to fail, in place of the confidence:
+        1 − expected_misses / n is enough (Bonferroni), and lower ones are tried, too, where that
+        keeps it (`least_for_misses`); not within a budget.
     budget : float, optional
         Serve most features with at most so many captures or, with the goal time, milliseconds.
     prefer : {"margin", "time"}
@@ -125,8 +123,34 @@ def plan_exposures(
         or a name is there twice.
     """
     costs, started = costs or CaptureCosts(), time.monotonic()
-    confidence = _confidence(views, confidence, expected_misses)
+    check_confidence(confidence)
     check_goal(goal, budget, time_limit_s)
+    if expected_misses is not None:
+
+        def plan_at(confidence: float, limit_s: float) -> ExposurePlan:
+            return plan_exposures(
+                views,
+                limits,
+                costs,
+                goal=goal,
+                confidence=confidence,
+                budget=budget,
+                prefer=prefer,
+                moves=moves,
+                poses=poses,
+                not_seen=not_seen,
+                sensor=sensor,
+                part=part,
+                models=models,
+                remarks=remarks,
+                time_limit_s=limit_s,
+                seed=seed,
+                progress=progress,
+            )
+
+        n = len({name for view in views for name in view.features})
+        check_misses(expected_misses, n)
+        return least_for_misses(plan_at, expected_misses, n, time_limit_s)
     by_time = goal == "time"
     demand = demand_of(views, limits, costs, by_time=by_time, confidence=confidence, moves=moves)
     answer = _solve(demand, budget, time_limit_s, seed, progress)
@@ -171,42 +195,6 @@ def plan_exposures(
         remarks=tuple(remarks),
     )
     return replace(plan, certificate=_certificate(plan, answer, time.monotonic() - started))
-
-
-def _confidence(
-    views: Sequence[CaptureChances], confidence: float, expected_misses: float | None
-) -> float:
-    check_confidence(confidence)
-    if expected_misses is None:
-        return confidence
-    n = len({name for view in views for name in view.features})
-    if not 0.0 < expected_misses < n:
-        msg = (
-            f"expected misses are a number above 0 and below that of the features, {n}, got "
-            f"{expected_misses:g}"
-        )
-        raise InputError(msg)
-    return 1.0 - expected_misses / n
-
-
-def check_goal(goal: str, budget: float | None, time_limit_s: float) -> None:
-    """Check what is asked of a plan.
-
-    Raises
-    ------
-    InputError
-        If the goal is unknown, or the budget or the time limit allows nothing.
-    """
-    if goal not in ("count", "time"):
-        msg = f"goal must be 'count' or 'time', got {goal!r}"
-        raise InputError(msg)
-    if budget is not None and not budget >= (1.0 if goal == "count" else _LEAST_MS):
-        expected = "at least one capture" if goal == "count" else "some milliseconds"
-        msg = f"a budget allows {expected}, got {budget:g}; leave it out to plan without one"
-        raise InputError(msg)
-    if not time_limit_s > 0.0:
-        msg = f"the time limit must be above 0 s, got {time_limit_s:g}"
-        raise InputError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)

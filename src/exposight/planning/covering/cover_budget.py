@@ -139,7 +139,7 @@ def most_within(
         return float(weights[program.served(taken)].sum())
 
     best = max(choices, key=worth)  # nothing at all is a choice, too
-    total, whole = float(weights.sum()), bool((weights == 1.0).all())
+    total, whole = float(weights.sum()), bool(np.isin(weights, (0.0, 1.0)).all())
     if worth(best) >= total - _DUST:
         return Choice(taken=best, worth=worth(best), bound=total)
     room = min(budget, program.value(np.ones(program.n_captures, dtype=np.bool_)))

@@ -11,12 +11,12 @@ from typing import TypeAlias
 import numpy as np
 
 from exposight.planning.capture_chances import CaptureChances
-from exposight.planning.covering.cover import check_goal
 from exposight.planning.covering.cover_budget import Choice, greedy_choices, most_within
 from exposight.planning.covering.cover_demand import Demand, demand_of
 from exposight.planning.covering.cover_solver import cheapest_cover
+from exposight.planning.covering.cover_wishes import check_goal
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
-from exposight.planning.exposure_plan import Goal
+from exposight.planning.exposure_plan import ExposurePlan, Goal
 from exposight.planning.recommendation import CONFIDENCE, check_confidence
 from exposight.tables import Column, Table
 from exposight.workers import Progress, ignore_progress
@@ -31,14 +31,20 @@ _AT_ONCE = 4
 _EXACT = 3000
 """Features times views up to which each point of the curve is solved exactly."""
 
-_CURVE_COLUMNS = (
-    Column(name="captures"),
-    Column(name="views"),
-    Column(name="time_s", label="time\ns", decimals=1),
-    Column(name="features", label="features at\nthe confidence"),
-    Column(name="bound", label="at most", decimals=0),
-    Column(name="expected", label="expected\nfeatures", decimals=1),
-)
+
+def _columns(by_time: bool) -> tuple[Column, ...]:
+    return (
+        Column(name="captures"),
+        Column(name="views"),
+        Column(name="time_s", label="time\ns", digits=3),
+        Column(name="features", label="features at\nthe confidence"),
+        Column(
+            name="bound",
+            label=f"at most, {'in that time' if by_time else 'with so many'}".replace(", ", ",\n"),
+            decimals=0,
+        ),
+        Column(name="expected", label="expected\nfeatures", decimals=1),
+    )
 
 
 def trade_off(
@@ -50,6 +56,7 @@ def trade_off(
     confidence: float = CONFIDENCE,
     moves: bool = True,
     points: int = 10,
+    plan: ExposurePlan | None = None,
     time_limit_s: float = 20.0,
     seed: int = 1,
     progress: Progress = ignore_progress,
@@ -62,6 +69,8 @@ def trade_off(
         As for `plan_exposures`.
     points : int
         Points of the curve, at most; the last one serves all that can be served.
+    plan : ExposurePlan, optional
+        A plan that is a point of its own, in place of those that it is no worse than.
     time_limit_s : float, s
         By the wall clock, for all points together.
 
@@ -87,10 +96,10 @@ def trade_off(
         confidence=check_confidence(confidence),
         moves=moves,
     )
-    program, rows = demand.program, []
+    program = demand.program
     cover = cheapest_cover(program, limit_s=0.5 * time_limit_s, seed=seed, progress=progress)
     seeds = () if cover is None else (cover.taken,)
-    worth = np.ones(len(demand.asked))
+    worth = (demand.targets[demand.asked] >= confidence - _DUST).astype(float)
     steps = greedy_choices(program, worth, among=seeds[0] if seeds else None)[1:]
     budgets = sorted({program.value(taken) for taken in steps})
     chosen = np.unique(np.linspace(0, len(budgets) - 1, points).round().astype(int)).tolist()
@@ -109,12 +118,30 @@ def trade_off(
         )
     progress("the trade-off", len(wanted), len(wanted))
     tangents = [each.tangent for each in choices.values() if each.tangent is not None]
-    for budget in wanted:
-        choice = choices[budget]
-        lines = [at_most + slope * (budget - at) for at, at_most, slope in tangents]
-        bound = math.floor(min([choice.bound, *lines]) + 1e-6)
-        rows.append(_point(demand, demand.places(choice.taken), costs, moves, bound))
-    return Table.of("trade_off", rows, _CURVE_COLUMNS, title="Features over captures and time")
+
+    def at_most(budget: float) -> float:
+        bounds = [each.bound for at, each in choices.items() if at >= budget - _DUST]
+        lines = [top + slope * (budget - at) for at, top, slope in tangents]
+        return float(math.floor(min([worth.sum(), *bounds, *lines]) + 1e-6))
+
+    rows = [
+        _point(demand, demand.places(choices[budget].taken), costs, moves, confidence)
+        | {"bound": at_most(budget)}
+        for budget in wanted
+    ]
+    cost = "time_s" if by_time else "captures"
+    if plan is not None and plan.views:
+        planned = _planned_point(plan)
+        planned["bound"] = at_most(plan.time_ms if by_time else float(plan.n_captures))
+        rows = [
+            row
+            for row in rows
+            if row[cost] < planned[cost] - _DUST or row["features"] > planned["features"]
+        ]
+        rows = sorted([*rows, planned], key=lambda row: (row[cost], row["features"]))
+    for row in rows:
+        row["bound"] = max(row["bound"], row["features"])
+    return Table.of("trade_off", rows, _columns(by_time), title="Features over captures and time")
 
 
 def _spread(budgets: Sequence[float]) -> list[float]:
@@ -127,8 +154,8 @@ def _spread(budgets: Sequence[float]) -> list[float]:
 
 
 def _point(
-    demand: Demand, places: Places, costs: CaptureCosts, moves: bool, bound: float
-) -> dict[str, object]:
+    demand: Demand, places: Places, costs: CaptureCosts, moves: bool, confidence: float
+) -> dict[str, float]:
     chance = dict.fromkeys(demand.features, 0.0)
     time_ms, visited = 0.0, [v for v, chosen in enumerate(places) if chosen]
     for v in visited:
@@ -137,13 +164,22 @@ def _point(
         time_ms += costs.move_ms if moves else 0.0
         for name, each in zip(view.features, view.any_of(places[v]).tolist(), strict=True):
             chance[name] = max(chance[name], each)
-    total = np.array([chance[name] for name in demand.features])
-    served = (total >= demand.targets - _DUST) & (demand.targets > 0.0)
     return {
         "captures": sum(map(len, places)),
         "views": len(visited),
         "time_s": time_ms / 1000.0,
-        "features": int(served.sum()),
-        "bound": max(float(bound), float(served.sum())),
-        "expected": float(total.sum()),
+        "features": sum(each >= confidence - _DUST for each in chance.values()),
+        "bound": 0.0,
+        "expected": sum(chance.values()),
+    }
+
+
+def _planned_point(plan: ExposurePlan) -> dict[str, float]:
+    return {
+        "captures": plan.n_captures,
+        "views": len(plan.views),
+        "time_s": plan.time_ms / 1000.0,
+        "features": len(plan.with_status("planned")),
+        "bound": 0.0,
+        "expected": sum(each.chance for each in plan.features),
     }
