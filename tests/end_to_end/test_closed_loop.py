@@ -6,7 +6,14 @@ from dataclasses import replace
 import pytest
 
 from exposight.cell import CampaignFolder
-from exposight.planning import CaptureCosts, ExposureLimits, FeatureOutlook, PlannedExposure
+from exposight.planning import (
+    CaptureCosts,
+    ExposureLimits,
+    FeatureOutlook,
+    ModelReference,
+    PlannedExposure,
+    SensorModels,
+)
 from exposight.planning.exposure_plan import (
     Certificate,
     ExposurePlan,
@@ -76,6 +83,8 @@ def test_the_closed_loop_gets_what_the_open_one_misses(plan, replay, models, tmp
     corrected = run_json("measure", plan, *replay, "--models", models, "-o", tmp_path / "closed")
     assert corrected["achieved"] == 12
     assert corrected["promised"] == 11.4
+    assert corrected["outcomes"][0]["planned_chance"] == 0.95
+    assert corrected["outcomes"][0]["chance_when_taken"] > 0.5
     assert corrected["captures"] <= 4
     assert len(corrected["decisions"]) == corrected["captures"]
     again = run_json("measure", plan, *replay, "--models", models, "-o", tmp_path / "closed")
@@ -142,10 +151,11 @@ def test_a_recording_that_lacks_an_exposure_time_says_so(
     ended = run("measure", path, *replay, "--open-loop", "-o", tmp_path / "door")
     assert ended.exit_code == 1
     assert "has view 'z600' at 1, 3, 6, 10, 16, 40 ms, not at 9 ms" in ended.stderr
+    assert "exposight plan --limits FILE" in " ".join(ended.stderr.split())
 
 
 def test_the_simulated_cell_takes_settings_of_a_file_and_by_name(
-    exposure_plan, sheet_plan, scene, tmp_path, run_json
+    exposure_plan, sheet_plan, scene, tmp_path, run_json, run
 ):
     pose = sheet_plan.views(SimulatedCell.for_plan(sheet_plan, scene=scene).part)[0]
     capture = PlannedExposure(exposure_ms=100.0, set_value=100.0, set_unit="ms", order=1, covers=())
@@ -155,13 +165,22 @@ def test_the_simulated_cell_takes_settings_of_a_file_and_by_name(
     )
     path, cell = tmp_path / "sheet.json", tmp_path / "cell.toml"
     limits = ExposureLimits.of(sheet_plan.sensor)
-    changes = {"sensor": sheet_plan.sensor.name, "views": (view,), "features": (feature,)}
+    changes = {
+        "part": "",
+        "sensor": sheet_plan.sensor.name,
+        "views": (view,),
+        "features": (feature,),
+    }
     write_exposure_plan(path, replace(exposure_plan, limits=limits, **changes))
     cell.write_text(f'scene = "{scene}"\n', "utf-8")
     words = ("--driver", "simulated", "--open-loop", "--cell", cell, "--rings-only")
     bright = run_json("measure", path, *words, "-o", tmp_path / "bright")
     dim = run_json("measure", path, *words, "--lamp", 0.02, "-o", tmp_path / "dim")
     assert (bright["achieved"], dim["achieved"]) == (1, 0)
+    ended = run("measure", path, *words, "--merge", tmp_path / "m", "-o", tmp_path / "never")
+    assert ended.exit_code == 2
+    assert "--rings-only simulates the rings alone" in " ".join(ended.stderr.split())
+    assert not (tmp_path / "never").exists()
 
 
 def test_a_simulated_cell_needs_a_sensor_that_somebody_describes(plan, run):
@@ -237,6 +256,24 @@ def test_plan_and_state_are_known(begin, campaign, exposure_plan, run_json):
     run_json("next", *begin, "--capture", campaign / "captures" / "000007")
     told = run_json("info", begin[0])
     assert (told["kind"], told["captures"]) == ("state of a loop", 1)
+
+
+def test_models_other_than_the_plans_are_noted(
+    exposure_plan, models, replay, campaign, tmp_path, run_json
+):
+    path, note = tmp_path / "noted.json", "the plan was made with other models than these: "
+    begin = ("--plan", path, "--models", models, "--campaign", campaign)
+    made_with = SensorModels.load(models).checksums
+    for changed, notes in ((), []), (made_with.keys(), [note + ", ".join(made_with)]):
+        references = tuple(
+            ModelReference(name=name, sha256="0" * 64 if name in changed else sha256)
+            for name, sha256 in made_with.items()
+        )
+        write_exposure_plan(path, replace(exposure_plan, models=references))
+        state, folder = tmp_path / f"{len(notes)}.json", tmp_path / f"{len(notes)}"
+        assert run_json("next", state, *begin)["notes"] == notes
+        told = run_json("measure", path, *replay, "--models", models, "-o", folder)
+        assert told["notes"] == notes
 
 
 def test_a_state_that_is_not_there_or_of_another_loop(begin, exposure_plan, tmp_path, run):

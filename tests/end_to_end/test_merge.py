@@ -1,8 +1,11 @@
 """``exposight merge``: a campaign of merged captures, and what that gained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from exposight.cell import CampaignWriter, Cloud
 from exposight.imaging import merge_record
 from exposight.observing import open_campaign
 
@@ -47,6 +50,22 @@ def test_what_cannot_be_merged(words, fact, campaign, tmp_path, run) -> None:
     ended = run("merge", campaign, "-o", tmp_path / "m", *words)
     assert ended.exit_code == 1
     assert fact in ended.stderr
+    assert not (tmp_path / "m").exists()
+
+
+def test_clouds_of_rings_alone_are_told_with_the_option_that_made_them(
+    campaign, tmp_path, run
+) -> None:
+    recorded, folder = open_campaign(campaign), tmp_path / "rings"
+    with CampaignWriter.open_or_create(
+        folder, name="rings", sensor=recorded.sensor, part=recorded.part
+    ) as writer:
+        for number in (1, 2):
+            capture = recorded.capture(number)
+            writer.add(replace(capture, cloud=Cloud(points=capture.cloud.valid_points)))
+    ended = run("merge", folder, "-o", tmp_path / "m")
+    assert ended.exit_code == 1
+    assert "--rings-only" in ended.stderr
     assert not (tmp_path / "m").exists()
 
 

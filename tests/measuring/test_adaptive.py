@@ -167,6 +167,11 @@ def test_a_wrong_sensor_or_part_is_refused_before_anything_is_captured(
     driver.part = type(driver.part)(name="plate", features=driver.part.features[:2])
     with pytest.raises(FeatureError, match="d1"):
         loop(driver)
+    for name in ("other", "plate"):
+        named = replace(plate_plan, part=name)
+        driver.part = replace(plate_driver().part, name="door" if name == "plate" else "plate")
+        with pytest.raises(InputError, match=f"the plan is for part '{name}', got "):
+            loop(driver, plan=named)
     driver.part = None
     with pytest.raises(InputError, match="give it as `part`"):
         loop(driver)

@@ -88,6 +88,10 @@ def test_it_shows_its_answer(plan):
             "is not 5 s",
         ),
         (lambda raw: raw["features"][0].update(chance=1.5), FormatError, "between 0 and 1"),
+        (lambda raw: raw.update(target_p_norm=0.0), FormatError, "target_p_norm .* got 0"),
+        (lambda raw: raw.update(target_p_norm=1.5), FormatError, "target_p_norm .* got 1.5"),
+        (lambda raw: raw.update(confidence=1.0), FormatError, "confidence .* got 1"),
+        (lambda raw: raw.update(confidence=-0.1), FormatError, "confidence .* got -0.1"),
         (
             lambda raw: raw["features"][0].update(view="elsewhere"),
             FormatError,

@@ -21,6 +21,7 @@ from exposight.drivers import ReplayDriver
 from exposight.errors import FormatError, SensorError
 from exposight.files import read_text
 from exposight.measuring import measure_adaptively
+from exposight.measuring.adaptive import models_remark
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
 from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 from exposight.tables import Table, number
@@ -109,6 +110,11 @@ def carry_out_loop(
             f"is not there yet, got {loop.merge}"
         )
         raise UsageError(msg)
+    if loop.merge is not None and loop.simulated.get("rings_only"):
+        msg = (
+            "--merge needs whole clouds, and --rings-only simulates the rings alone: leave one out"
+        )
+        raise UsageError(msg)
     plan = read_exposure_plan(path)
     models = SensorModels.load(*loop.models) if loop.models else None
     before = len(CampaignFolder(output)) if (output / "campaign.json").is_file() else 0
@@ -132,6 +138,7 @@ def carry_out_loop(
         )
     n_features, n_had = len(result.outcomes), len(result.succeeded)
     promised = plan.promise.expected_covered
+    remark = models_remark(plan, models.checksums) if models is not None else ""
     told = Result(
         title=result.verdict,
         facts=(
@@ -148,6 +155,7 @@ def carry_out_loop(
             result.table,
             Table(name="decisions", frame=pl.DataFrame(result.decisions), columns=(), shown_rows=0),
         ),
+        notes=tuple(filter(None, (remark,))),
         files=tuple(files),
         next_step=f"report {quote(str(output))}",
     )

@@ -14,6 +14,7 @@ from exposight.cli.result import Result, fact
 from exposight.errors import FileError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.measuring import LoopState, LoopStep, loop_step
+from exposight.measuring.adaptive import models_remark
 from exposight.measuring.decisions import HAD, OPEN, outcomes_table
 from exposight.planning import read_exposure_plan
 from exposight.planning.loop_report import Request
@@ -140,7 +141,8 @@ def _result(step: LoopStep, request: Request | None, before: int) -> Result:
     if request is None:
         left = f"the loop has ended with {statuses.count(HAD)} of {len(statuses)} features had"
     remarks = (f"capture {each.number + 1}: {each.remark}" for each in fed if each.remark)
-    notes = (*step.known, *remarks)
+    other_models = "" if n else models_remark(step.plan, step.state.models_sha256)
+    notes = (*filter(None, (other_models,)), *step.known, *remarks)
     document = None if request is None else _document(request)
     facts = (
         fact("done", request is None, ""),

@@ -108,7 +108,8 @@ class ReplayDriver:
             msg = (
                 f"campaign {self._campaign.name!r} has view {recorded!r} at "
                 f"{', '.join(f'{ms:g}' for ms in sorted(numbers))} ms, not at {exposure_ms:g} ms; "
-                "replay the exposure times that it recorded"
+                "replay the exposure times that it recorded: `exposight plan --limits FILE` plans "
+                "with these alone where the file has them as `allowed_ms`"
             )
             raise InputError(msg)
         return replace(self._campaign.capture(numbers[best_ms]), view=view)

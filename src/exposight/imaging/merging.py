@@ -242,7 +242,8 @@ def _check_alike(first: Capture, capture: Capture) -> None:
     if not cloud.organised or cloud.valid.shape != capture.image.shape:
         msg = (
             f"the cloud of the {capture} is not organised like its image, so its points belong to "
-            "no pixel; export it with rows, columns and missing points"
+            "no pixel; export it with rows, columns and missing points, and simulate without "
+            "--rings-only, which keeps the rings' points alone"
         )
         raise CloudError(msg)
 

@@ -137,7 +137,7 @@ def measure_adaptively(
     ------
     InputError
         If the folder holds what another plan, other models or another driver captured, or the part
-        lacks a feature.
+        is another than the plan's or lacks a feature.
     SensorError
         If the driver has another sensor than the plan, fails, or takes other exposure times than it
         is asked for. What was captured stays, and the same call goes on with it.
@@ -201,14 +201,37 @@ def observed_part(plan: ExposurePlan, part: Part | None) -> Part:
     Raises
     ------
     InputError
-        If the part is not known, or lacks one of them.
+        If the part is not known, is called otherwise than the plan's, or lacks one of them.
     """
     if part is None:
         msg = "the driver does not know the part that it measures; give it as `part`"
         raise InputError(msg)
+    if plan.part and part.name and plan.part != part.name:
+        msg = f"the plan is for part {plan.part!r}, got {part.name!r}; plan for the part measured"
+        raise InputError(msg)
     return Part(
         name=part.name, features=tuple(part.feature(each.feature) for each in plan.features)
     )
+
+
+def models_remark(plan: ExposurePlan, checksums: Mapping[str, str]) -> str:
+    """Return a remark where models are not those that a plan was made with.
+
+    Parameters
+    ----------
+    plan : ExposurePlan
+    checksums : mapping of str to str
+        SHA-256 of each model that decides, by its name.
+    """
+    planned = {each.name: each.sha256 for each in plan.models}
+    others = [
+        name
+        for name, sha256 in checksums.items()
+        if planned and planned.get(name, "") not in {None, sha256}
+    ]
+    if not others:
+        return ""
+    return f"the plan was made with other models than these: {', '.join(others)}"
 
 
 @dataclass(frozen=True)

@@ -185,7 +185,7 @@ _COLUMNS = (
     Column(name="view"),
     Column(name="exposure_ms"),
     Column(name="tries"),
-    Column(name="planned", label="promised\n%", decimals=0, scale=100.0),
+    Column(name="planned_chance", label="planned\nchance %", decimals=0, scale=100.0),
     Column(name="reason", wraps=True),
 )
 
@@ -195,7 +195,7 @@ def outcomes_frame(outcomes: Sequence[Outcome], plan: ExposurePlan) -> pl.DataFr
     report = LoopReport(outcomes=tuple(outcomes), n_captures=0, log=())
     planned = {each.feature: each.chance for each in plan.features}
     chances = [planned[each.feature] for each in outcomes]
-    return report.frame.with_columns(pl.Series("planned", chances, dtype=pl.Float64))
+    return report.frame.with_columns(pl.Series("planned_chance", chances, dtype=pl.Float64))
 
 
 def outcomes_table(outcomes: Sequence[Outcome], plan: ExposurePlan) -> Table:

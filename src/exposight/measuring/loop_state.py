@@ -119,7 +119,7 @@ class LoopState:
         SensorError
             If the plan is for another sensor.
         InputError, FileError
-            If the part lacks a feature, or the models cannot be read.
+            If the part is another than the plan's or lacks a feature, or the models cannot be read.
         """
         if sensor.name != plan.sensor:
             msg = f"the plan is for sensor {plan.sensor!r}, got {sensor.name!r}"

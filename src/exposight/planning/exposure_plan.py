@@ -154,7 +154,8 @@ class ExposurePlan:
     Raises
     ------
     InputError
-        If names are there twice, or a feature is planned where nothing is captured.
+        If names are there twice, a feature is planned where nothing is captured, or the quality or
+        the confidence is none.
     """
 
     sensor: str
@@ -180,6 +181,10 @@ class ExposurePlan:
             raise InputError(msg)
 
     def _fault(self) -> str:
+        if not 0.0 < self.target_p_norm <= 1.0:
+            return f"target_p_norm lies above 0 and at most at 1, got {self.target_p_norm:g}"
+        if not 0.0 < self.confidence < 1.0:
+            return f"confidence is a chance above 0 and below 1, got {self.confidence:g}"
         for kind, names in (
             ("view", [view.name for view in self.views]),
             ("feature", [each.feature for each in self.features]),

@@ -117,7 +117,7 @@ class LoopReport:
 
     @property
     def frame(self) -> pl.DataFrame:
-        """A row for each feature, columns as in `Outcome`."""
+        """A row for each feature, columns as in `Outcome`; ``chance_when_taken`` is `promised`."""
         schema = {
             "feature": pl.String,
             "status": pl.String,
@@ -125,10 +125,10 @@ class LoopReport:
             "view": pl.String,
             "exposure_ms": pl.Float64,
             "tries": pl.Int64,
-            "promised": pl.Float64,
+            "chance_when_taken": pl.Float64,
             "reason": pl.String,
         }
-        rows = [vars(each) for each in self.outcomes]
+        rows = [{**vars(each), "chance_when_taken": each.promised} for each in self.outcomes]
         return pl.DataFrame(rows, schema=schema, orient="row")
 
     @property
@@ -142,7 +142,9 @@ class LoopReport:
             Column(name="view"),
             Column(name="exposure_ms", digits=4),
             Column(name="tries"),
-            Column(name="promised", label="promised\n%", decimals=0, scale=100.0),
+            Column(
+                name="chance_when_taken", label="chance\nwhen\ntaken %", decimals=0, scale=100.0
+            ),
             Column(name="reason", wraps=True),
         )
         some = frame["reason"].str.len_chars().sum() > 0
