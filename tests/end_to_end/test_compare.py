@@ -68,6 +68,24 @@ def test_a_campaign_is_a_sweep(campaign, tmp_path, run_json):
     assert np.isfinite(told["scores"][1]["exposures_over_oracle"])
 
 
+def test_models_that_learnt_from_the_sweep_are_named_first(campaign, observations, tmp_path, run):
+    models = tmp_path / "models"
+    assert (
+        run("train", observations, "-o", models, "--sensor", campaign / "sensor.json").exit_code
+        == 0
+    )
+    table = tmp_path / "copy.csv"  # not the file that they were trained on
+    assert run("observe", campaign, "-o", table).exit_code == 0
+    words = ("--sweep", table, "--strategies", "open_loop", "-o", tmp_path / "out")
+    ended = run("compare", models, *words)
+    assert ended.exit_code == 0, ended.stderr
+    first = ended.stdout.splitlines()[0]
+    assert first.startswith("quality has learnt from")
+    assert "of this sweep, so that its scores tell nothing" in first
+    about = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))["about"]
+    assert "quality has learnt" in about["learnt_from_this_sweep"][0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "fact"),
     [

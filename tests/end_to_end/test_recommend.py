@@ -27,10 +27,11 @@ def test_the_first_line_is_the_answer(models, campaign, run):
 def test_exposures_are_the_sensors_settings_in_its_unit(recommend, tmp_path):
     limits = tmp_path / "limits.toml"
     limits.write_text(
-        '[mine]\nmin_ms = 1.0\nmax_ms = 50.0\nincrement_ms = 0.25\nunit = "us"\n', "utf-8"
+        '[mine]\nmin_ms = 1.0\nmax_ms = 50.0\nincrement_ms = 0.5\nunit = "us"\n', "utf-8"
     )
     told = recommend("--confidence", 0.6, "--limits", limits)
     assert told["limits"] == "mine"
+    assert any("limits are of mine" in note for note in told["notes"])
     for exposure in told["exposures"]:
         assert exposure["exposure_ms"] % 0.25 == pytest.approx(0.0)
         assert (exposure["set_value"], exposure["set_unit"]) == (
@@ -85,12 +86,16 @@ def test_a_wrong_wish_is_named(words, status, message, models, campaign, run):
 
 def test_limits_that_allow_nothing_are_an_error(models, campaign, tmp_path, run):
     limits = tmp_path / "limits.toml"
-    limits.write_text("[dark]\nmin_ms = 5000.0\nmax_ms = 9000.0\nincrement_ms = 1.0\n", "utf-8")
     view = ("--campaign", campaign, "--view", "z600")
-    ended = run("recommend", models, *view, "--limits", limits)
-    assert ended.exit_code == 1
-    assert "limits leave nothing" in ended.stderr
-    assert "range 5000–9000 ms" in ended.stderr
+    for low, high, fact in (
+        (0.5, 1.0, "limits leave nothing"),
+        (5000.0, 9000.0, "allow 5000 ms, which 'small' cannot take: 0.5–50 ms"),
+    ):
+        text = f"[dark]\nmin_ms = {low}\nmax_ms = {high}\nincrement_ms = 0.5\n"
+        limits.write_text(text, "utf-8")
+        ended = run("recommend", models, *view, "--limits", limits)
+        assert ended.exit_code == 1
+        assert fact in ended.stderr
 
 
 def test_a_view_that_sees_nothing_is_an_error(models, campaign, run):

@@ -55,6 +55,15 @@ def rmse(model: WindowModel, table: ObservationTable) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
+def test_rings_that_were_learnt_from_are_known_again(model, unseen) -> None:
+    learnt = rings_of(observed())
+    assert model.has_learnt(learnt).mean() > 0.9  # others were never bright enough, or clipped
+    assert not model.has_learnt(unseen.frame).any()
+    moved = learnt.with_columns(pl.col("x_mm") + 0.01)
+    assert not model.has_learnt(moved).any()
+    assert not model.has_learnt(learnt.with_columns(feature="other " + pl.col("feature"))).any()
+
+
 def test_the_sensors_limits_and_the_surfaces_lobe_are_found(model: WindowModel) -> None:
     low, high = model.limits
     assert low == pytest.approx(LOW, rel=0.05)

@@ -3,7 +3,7 @@
 import pytest
 
 from exposight.cell import CampaignWriter, Part
-from exposight.errors import MissingFileError
+from exposight.errors import InputError, MissingFileError
 from exposight.observing import Visibility, observe_campaign, open_campaign
 
 
@@ -27,6 +27,8 @@ def test_a_campaign_is_opened_and_observed(folder):
 
 def test_a_view_tells_what_a_pose_sees(folder, facing):
     view = open_campaign(folder).view(facing)
+    with pytest.raises(InputError, match=r"expected a pose, camera_from_part .* got 'near'"):
+        open_campaign(folder).view("near")
     assert [each.visibility for each in view.visible] == [Visibility.VISIBLE] * len(view.visible)
     assert "visible" in view._repr_html_()
 

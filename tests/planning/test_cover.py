@@ -320,5 +320,10 @@ def test_a_part_is_planned_from_models_and_poses(default_models, view):
     behind = {"behind": RigidTransform.from_fanuc_wpr((0.0, 0.0, 600.0), 180.0, 0.0, 0.0)}
     with pytest.raises(InputError, match="no view sees a feature of 'plate'"):
         plan(default_models, part, behind)
+    for wrong in ({"a": "a"}, ["a"]):
+        with pytest.raises(InputError, match=r"\{name: RigidTransform\}, got \['?a|got 'a'"):
+            plan(default_models, part, wrong)
+    with pytest.raises(InputError, match=r"a whole number of captures, at least one, got 1\.5"):
+        plan(default_models, part, views, budget=1.5)
     with pytest.raises(SensorError, match="no model for this sensor"):
         plan(default_models, part, views, sensor=sensor_preset("rc-visard-65"))

@@ -116,6 +116,22 @@ def test_limits_of_a_file(tmp_path):
         limits_named("zivid2")
 
 
+def test_limits_of_another_sensor_are_refused_where_it_cannot_take_them():
+    comet = PRESETS["comet-pro-ae"]
+    WHOLE_MS.check_within(comet)
+    ExposureLimits(name="part", min_ms=2.0, max_ms=90.0, increment_ms=4.0).check_within(comet)
+    with pytest.raises(SensorError, match=r"'Roboception.*cannot take: 1–1000 ms in steps of 1 ms"):
+        PROFILES["rc-visard-65"].check_within(comet)
+    finer = ExposureLimits(name="finer", min_ms=1.0, max_ms=1000.0, increment_ms=0.5)
+    with pytest.raises(SensorError, match=r"'finer' allow .*, which 'ZEISS COMET"):
+        finer.check_within(comet)
+    listed = ExposureLimits(
+        name="listed", min_ms=1.0, max_ms=2000.0, increment_ms=1.0, allowed_ms=(5.0, 1500.0)
+    )
+    with pytest.raises(SensorError, match="1500 ms, which"):
+        listed.check_within(comet)
+
+
 def test_costs():
     costs = CaptureCosts(frames=12, overhead_ms=500.0)
     assert costs.capture_ms(20.0) == 740.0

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import exposight as xs
 from exposight.cell import sensor_preset
 from exposight.errors import FormatError, InputError, MissingFileError, SensorError, VersionError
 from exposight.geometry import RigidTransform
@@ -54,6 +55,8 @@ def test_it_comes_back_as_it_was_written(plan, tmp_path):
     path = tmp_path / "plan.json"
     write_exposure_plan(path, plan)
     assert read_exposure_plan(path) == plan
+    plan.write(path)
+    assert xs.read_exposure_plan(path) == plan
     raw = json.loads(path.read_text("utf-8"))
     assert (raw["format"], raw["version"]) == ("exposight plan", 1)
     exposure = raw["views"][0]["exposures"][0]

@@ -1,6 +1,8 @@
 """Forecasts of a view by the paper's chain, held against a world in which everything is known."""
 
+import re
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -193,3 +195,22 @@ def test_a_view_is_forecast_for_the_features_that_it_sees():
     view = View.of(Part(name="p", features=tuple(holes)), SENSOR, SENSOR.camera_from_tcp)
     assert len(view.features) == 2
     assert forecast(QUALITY, EXPOSURE, view, TIMES_MS).features == ("f0",)
+
+
+@pytest.mark.parametrize(
+    ("question", "fact"),
+    [
+        ({"limits": "nobody"}, "no exposure limits are called 'nobody'"),
+        (
+            {"limits": 5.0},
+            "expected ExposureLimits or the name of some, such as 'zivid-2', got 5.0",
+        ),
+        ({"confidence": "x"}, "confidence is a chance above 0 and below 1, such as 0.9, got 'x'"),
+    ],
+)
+def test_wrong_wishes_for_a_recommendation_are_named(default_models, view, question, fact):
+    forecast = default_models.forecast(view("near"))
+    for asked in (forecast.recommend, partial(default_models.recommend, view("near"))):
+        with pytest.raises(InputError, match=re.escape(fact)):
+            asked(**question)
+    assert forecast.recommend("zivid-2").limits.name == "Zivid 2"

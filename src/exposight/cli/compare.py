@@ -1,6 +1,7 @@
 """``exposight compare``: strategies on views whose every outcome is known."""
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from exposight.cli.terminal import progress_bars
 from exposight.errors import ExposightError, FormatError, InputError, MissingFileError
 from exposight.files import make_folder, sha256_of
 from exposight.measuring import measure_observations
-from exposight.models import MODEL_SUFFIX, P_NORM_MIN, Predictor, load_model
+from exposight.models import MODEL_SUFFIX, P_NORM_MIN, Predictor, WindowModel, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.planning import (
     CONFIDENCE,
@@ -30,6 +31,7 @@ from exposight.planning import (
 from exposight.planning.comparing.strategies import STRATEGIES
 from exposight.plans import plan_preset
 from exposight.report import write_comparison_page
+from exposight.tables import counted
 from exposight.twin import SimulatedCell
 from exposight.workers import Progress, usual_workers
 
@@ -141,12 +143,16 @@ def compare_command(
             confidence=confidence,
             progress=progress,
         )
+    learnt = _learnt_from(table, pairs, sweep)
+    if learnt:
+        about = {**comparison.about, "learnt_from_this_sweep": learnt}
+        comparison = replace(comparison, about=about)
     for other in others:
         comparison = comparison.with_others(other)
     write_comparison(comparison, output)
     write_comparison_page(comparison, output / "comparison.html")
     return Result(
-        title=comparison.verdict,
+        title="; ".join((*learnt, comparison.verdict)),
         facts=(
             fact("sweep", comparison.sweep),
             fact("views", len(compared.views)),
@@ -156,7 +162,7 @@ def compare_command(
             fact("verdict", comparison.verdict, ""),
         ),
         tables=(comparison.table,),
-        notes=_notes(comparison, table, pairs, sweep, kept if reused else None),
+        notes=(*learnt, *_notes(comparison, table, kept if reused else None)),
         files=files,
     )
 
@@ -234,8 +240,6 @@ def _simulated(path: Path, workers: int, progress: Progress) -> ObservationTable
 def _notes(
     comparison: Comparison,
     table: ObservationTable,
-    pairs: tuple[SensorModels, ...],
-    sweep: Path | None,
     reused: Path | None,
 ) -> tuple[str, ...]:
     notes = []
@@ -248,14 +252,23 @@ def _notes(
         notes.append("emulated exposures are among the observations")
     if reused is not None:
         notes.append(f"{reused} was there and is used; remove it to simulate anew")
-    if sweep is not None and sweep.is_file():
-        sha256 = sha256_of(sweep.read_bytes())
-        known = [
-            pair.quality.name
-            for pair in pairs
-            if pair.quality.provenance.observations_sha256 == sha256
-        ]
-        if known:
-            names = ", ".join(known)
-            notes.append(f"{names} was trained on this very table; only unseen data tell")
     return tuple(notes)
+
+
+def _learnt_from(
+    table: ObservationTable, pairs: tuple[SensorModels, ...], sweep: Path | None
+) -> tuple[str, ...]:
+    """Say of each model that has learnt from the sweep that its scores tell nothing."""
+    sha256 = sha256_of(sweep.read_bytes()) if sweep is not None and sweep.is_file() else None
+    rings = table.measured().frame.unique(["feature", "view"], maintain_order=True)
+    out = []
+    for model in (pair.quality for pair in pairs):
+        n = int(model.has_learnt(rings).sum()) if isinstance(model, WindowModel) else 0
+        if n:
+            what = f"{n} of {counted(rings.height, 'ring')} of this sweep"
+        elif sha256 is not None and model.provenance.observations_sha256 == sha256:
+            what = "this very table"
+        else:
+            continue
+        out.append(f"{model.name} has learnt from {what}, so that its scores tell nothing")
+    return tuple(out)

@@ -49,12 +49,14 @@ class ExposureOptions:
         Raises
         ------
         InputError
-            If nobody says any, or they leave no exposure time.
+            If nobody says any, they leave no exposure time, or the sensor cannot take them.
         FileError
             If their file cannot be read.
         """
         if self.limits is not None:
             limits = limits_named(self.limits)
+            if sensor is not None:
+                limits.check_within(sensor)
         elif sensor is not None:
             limits = ExposureLimits.of(sensor)
         else:
@@ -64,6 +66,12 @@ class ExposureOptions:
             least = min(limits.least_per_view, self.most)
             limits = replace(limits, least_per_view=least, most_per_view=self.most)
         return limits if self.flicker is None else limits.under_mains(self.flicker)
+
+    def notes(self, limits: ExposureLimits, sensor: ActiveSensor | None) -> tuple[str, ...]:
+        """Say where limits that are given are another sensor's by name."""
+        if self.limits is None or sensor is None or limits.name == sensor.name:
+            return ()
+        return (f"limits are of {limits.name}, the models of {sensor.name}, which can take them",)
 
     @property
     def costs(self) -> CaptureCosts:

@@ -220,7 +220,7 @@ def plan_command(
         title=_answer(plan),
         facts=_facts(plan, candidates),
         tables=(plan.view_table, plan.table, *curve),
-        notes=(*plan.notes, *_without_poses(plan, output)),
+        notes=(*plan.notes, *exposures.notes(limits, sensor), *_without_poses(plan, output)),
         files=files,
     )
 

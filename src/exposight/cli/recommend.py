@@ -103,7 +103,7 @@ def recommend_command(
         title=_answer(recommendation),
         facts=_facts(recommendation),
         tables=(_exposure_table(recommendation), recommendation.table),
-        notes=recommendation.notes,
+        notes=(*recommendation.notes, *exposures.notes(limits, sensor_models.sensor)),
         files=files,
     )
 

@@ -222,6 +222,16 @@ class LogRadiance:
             widening=widening,
         )
 
+    def holds(self, rings: Rings) -> NDArray[np.bool_]:
+        """Return whether rings were learnt: of a feature by that name, at that very pose."""
+        x = self.process.x
+        learnt = {
+            (self.features[int(feature)], *place)
+            for feature, place in zip(x[:, FEATURE], _places(x[:, POSITION]), strict=True)
+        }
+        places = zip(rings.features, _places(rings.positions), strict=True)
+        return np.array([(name, *place) in learnt for name, place in places], dtype=np.bool_)
+
     @property
     def _shift(self) -> FloatArray:
         return np.array(self.formula_prior[0]) - self.formula.parameters
@@ -373,6 +383,11 @@ class LogRadiance:
             distances.append(apart.min(axis=1))
         out: FloatArray = np.max(distances, axis=0)
         return out
+
+
+def _places(positions: FloatArray) -> list[list[float]]:
+    """Return positions to 0.1 µm, as tables keep them."""
+    return (np.round(positions, 4) + 0.0).tolist()  # type: ignore[no-any-return]
 
 
 def _codes(names: Sequence[str], known: Sequence[str]) -> list[float]:

@@ -250,6 +250,11 @@ class WindowModel(Predictor):
             other_finish=tuple(finishes.get(name, "") for name in rings.features),
         )
 
+    def has_learnt(self, frame: pl.DataFrame) -> NDArray[np.bool_]:
+        """Return whether the ring of each row was learnt from: feature and pose are the same."""
+        rings, ring = self.radiance.rings(frame)
+        return self.radiance.learnt.holds(rings)[ring]
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Say what weakens the model, and what would help."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from exposight import cell
-from exposight.errors import CloudError
+from exposight.errors import CloudError, InputError
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
@@ -198,7 +198,19 @@ class Campaign(cell.CampaignFolder):
         return observe_campaign(self, tolerance, progress)
 
     def view(self, camera_from_part: RigidTransform, name: str = "") -> masks.View:
-        """Return what the sensor sees of the part from a pose, measured or not."""
+        """Return what the sensor sees of the part from a pose, measured or not.
+
+        Raises
+        ------
+        InputError
+            If it is no pose.
+        """
+        if not isinstance(camera_from_part, RigidTransform):
+            msg = (
+                f"expected a pose, camera_from_part as a RigidTransform, got {camera_from_part!r}; "
+                "captures have theirs: capture.camera_from_part"
+            )
+            raise InputError(msg)
         return masks.View.of(self.part, self.sensor, camera_from_part, name=name)
 
     def _repr_html_(self) -> str:

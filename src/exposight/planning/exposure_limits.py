@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, preset_name
-from exposight.errors import FormatError, SensorError, did_you_mean
+from exposight.errors import FormatError, InputError, SensorError, did_you_mean
 from exposight.files import read_text, validate
 from exposight.tables import number
 
@@ -224,6 +224,28 @@ class ExposureLimits:
         slack = _SAME * self.increment_ms + 10.0**-_DECIMALS
         return self._settings_in(exposure_ms - slack, exposure_ms + slack) != (0, -1)
 
+    def check_within(self, sensor: ActiveSensor) -> None:
+        """Check that a sensor can take these settings: that they are not another's.
+
+        Raises
+        ------
+        SensorError
+            If its range, or its increment, does not hold them.
+        """
+        able = ExposureLimits.of(sensor)
+        beyond = [
+            each
+            for each in self.settings(self.min_ms, self.max_ms).tolist()
+            if not able.allows(each)
+        ]
+        if beyond:
+            msg = (
+                f"limits of {self.name!r} allow {number(beyond[0], 6)} ms, which {sensor.name!r} "
+                f"cannot take: {number(able.min_ms)}–{number(able.max_ms)} ms in steps of "
+                f"{number(able.increment_ms)} ms; give limits of that sensor, or none"
+            )
+            raise SensorError(msg)
+
     def set_value(self, exposure_ms: float) -> float:
         """Return an exposure time as the sensor is set to it, in `unit`."""
         return float(f"{exposure_ms * _PER_MS[self.unit]:.12g}")
@@ -319,6 +341,24 @@ def _profiles() -> Mapping[str, ExposureLimits]:
 
 PROFILES: Mapping[str, ExposureLimits] = _profiles()
 """Limits of some sensors, by name; each figure's source is in ``data/sensor_limits.toml``."""
+
+
+def limits_from(given: ExposureLimits | str | None) -> ExposureLimits | None:
+    """Return limits that are given, or named (`limits_named`); None where none are.
+
+    Raises
+    ------
+    InputError
+        If they are neither.
+    ExposightError
+        As `limits_named`.
+    """
+    if given is None or isinstance(given, ExposureLimits):
+        return given
+    if not isinstance(given, str):
+        msg = f"expected ExposureLimits or the name of some, such as 'zivid-2', got {given!r}"
+        raise InputError(msg)
+    return limits_named(given)
 
 
 def limits_named(name: str) -> ExposureLimits:

@@ -16,7 +16,7 @@ from exposight.errors import InputError
 from exposight.files import write_durably
 from exposight.models import RingForecast, best_exposure
 from exposight.planning.capture_chances import SETTINGS, CaptureChances
-from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits, limits_from
 from exposight.planning.path_search import Prefer
 from exposight.planning.recommendation import (
     CONFIDENCE,
@@ -203,7 +203,7 @@ class Forecast:
 
     def recommend(
         self,
-        limits: ExposureLimits | None = None,
+        limits: ExposureLimits | str | None = None,
         costs: CaptureCosts | None = None,
         *,
         at_least: float | None = None,
@@ -216,8 +216,9 @@ class Forecast:
 
         Parameters
         ----------
-        limits : ExposureLimits, optional
-            What the sensor can be set to; the sensor's own by default, where the models know it.
+        limits : ExposureLimits or str, optional
+            What the sensor can be set to, or a profile's name; the sensor's own by default, where
+            the models know it.
         costs : CaptureCosts, optional
             What captures take.
         at_least : float, optional
@@ -238,7 +239,7 @@ class Forecast:
             quality.
         """
         check_confidence(confidence)
-        limits = limits or self.limits
+        limits = limits_from(limits) or self.limits
         asked = self
         if at_least is not None and at_least != self.need:
             if self.rings is None:

@@ -16,7 +16,7 @@ from exposight.planning.beliefs import belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.covering.cover import plan_exposures
 from exposight.planning.covering.cover_wishes import check_goal
-from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits, limits_from
 from exposight.planning.exposure_plan import ExposurePlan, ModelReference
 from exposight.planning.recommendation import CONFIDENCE, check_confidence
 from exposight.planning.sensor_models import SensorModels
@@ -72,7 +72,7 @@ def plan(
     views: Mapping[str, RigidTransform],
     *,
     sensor: ActiveSensor | None = None,
-    limits: ExposureLimits | None = None,
+    limits: ExposureLimits | str | None = None,
     costs: CaptureCosts | None = None,
     at_least: float = P_NORM_MIN,
     confidence: float = CONFIDENCE,
@@ -90,8 +90,8 @@ def plan(
         camera_from_part of the views to choose from, by name.
     sensor : ActiveSensor, optional
         What measures; the models' by default.
-    limits : ExposureLimits, optional
-        What the sensor can be set to; as its description says by default.
+    limits : ExposureLimits or str, optional
+        What the sensor can be set to, or a profile's name; as its description says by default.
     costs : CaptureCosts, optional
         What captures and moves take.
     at_least : float
@@ -129,7 +129,7 @@ def plan(
         msg = f"no view sees a feature of {part.name!r} ({why}): check poses and features' normals"
         raise InputError(msg)
     rings = pl.concat(frames, how="diagonal_relaxed")
-    limits = limits or ExposureLimits.of(sensor)
+    limits = limits_from(limits) or ExposureLimits.of(sensor)
     visible = set(rings["feature"])
     return plan_exposures(
         view_chances(models, rings, limits, need=at_least),

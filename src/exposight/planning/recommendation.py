@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -155,8 +156,8 @@ def check_confidence(confidence: float) -> float:
     InputError
         If it does not.
     """
-    if not 0.0 < confidence < 1.0:
-        msg = f"confidence is a chance above 0 and below 1, such as 0.9, got {confidence:g}"
+    if not (isinstance(confidence, Real) and 0.0 < confidence < 1.0):
+        msg = f"confidence is a chance above 0 and below 1, such as 0.9, got {confidence!r}"
         raise InputError(msg)
     return float(confidence)
 

@@ -30,11 +30,11 @@ from exposight.models import (
 )
 from exposight.observing import ObservationTable, View, Visibility
 from exposight.planning.chain import ChainedQuality, chained_forecast
-from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
+from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits, limits_from
 from exposight.planning.forecasts import Forecast, check_forecast
 from exposight.planning.model_scores import ModelScores
 from exposight.planning.path_search import Prefer
-from exposight.planning.recommendation import CONFIDENCE, Recommendation
+from exposight.planning.recommendation import CONFIDENCE, Recommendation, check_confidence
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
 
@@ -188,7 +188,7 @@ class SensorModels:
     def recommend(
         self,
         view: View,
-        limits: ExposureLimits | None = None,
+        limits: ExposureLimits | str | None = None,
         costs: CaptureCosts | None = None,
         *,
         need: float = P_NORM_MIN,
@@ -202,8 +202,8 @@ class SensorModels:
         ----------
         view, trial, need
             As for `forecast`.
-        limits : ExposureLimits, optional
-            What the sensor can be set to; as the models know it by default.
+        limits : ExposureLimits or str, optional
+            What the sensor can be set to, or a profile's name; as the models know it by default.
         costs, confidence, prefer
             As for `Forecast.recommend`.
 
@@ -212,7 +212,8 @@ class SensorModels:
         ExposightError
             As for `forecast` and `Forecast.recommend`.
         """
-        limits = limits or self.limits
+        limits = limits_from(limits) or self.limits
+        check_confidence(confidence)
         times: Sequence[float] | None = None
         if limits is not None and not isinstance(self.quality, WindowModel):
             usual = self._usual_exposures_ms()
