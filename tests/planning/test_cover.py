@@ -271,7 +271,7 @@ def test_where_nothing_can_be_had_the_plan_is_empty_and_says_why():
     views = [view_of("v", {"dark": (3000.0, 9000.0)})]
     made = plan_exposures(views, LIMITS, COSTS)
     assert (made.views, made.n_captures) == ((), 0)
-    assert made.verdict.startswith("take none")
+    assert made.verdict.startswith("take none: no capture serves any of 1 feature; dark: too dark")
     assert "too dark" in made.features[0].reason
     assert str(made)
     assert trade_off(views, LIMITS, COSTS).frame.height == 0

@@ -257,7 +257,8 @@ def _files(
 
 def _answer(plan: ExposurePlan) -> str:
     """Return what to take and who fails, in a line."""
-    return "; ".join(filter(None, (plan.verdict, who_fails(plan.features))))
+    failing = who_fails(plan.features) if plan.views else ""
+    return "; ".join(filter(None, (plan.verdict, failing)))
 
 
 def _without_poses(plan: ExposurePlan, output: Path | None) -> tuple[str, ...]:

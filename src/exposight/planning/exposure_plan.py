@@ -253,7 +253,8 @@ class ExposurePlan:
         """The answer in a sentence."""
         planned, n = len(self.with_status("planned")), len(self.features)
         if not self.views:
-            return f"take none: no capture serves any of {counted(n, 'feature')}"
+            why = next((f"; {each.feature}: {each.reason}" for each in self.features), "")
+            return f"take none: no capture serves any of {counted(n, 'feature')}{why}"
         return (
             f"take {counted(self.n_captures, 'capture')} in {counted(len(self.views), 'view')}: "
             f"{planned} of {counted(n, 'feature')} will reach {self.target_p_norm:g} with a chance "
