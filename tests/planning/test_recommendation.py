@@ -161,6 +161,7 @@ def test_where_a_view_may_have_one_capture_it_serves_most() -> None:
     made = recommend(chances, limits, COSTS)
     assert [each.feature for each in made.planned] == ["a", "b"]
     assert "more captures than the 1" in made.failing[0].reason
+    assert (made.failing[0].status, made.failing[0].exposure_ms) == ("not planned", None)
 
 
 def test_the_first_exposure_wins_so_the_surest_goes_first() -> None:

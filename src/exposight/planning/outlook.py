@@ -136,7 +136,8 @@ def outlook_of(
     out = []
     for i, name in enumerate(chances.features):
         reached = bool(total[i] >= confidence - 1e-9)
-        tried = len(places) > 0 and (targets[i] > 0.0 or total[i] >= WORTH_TRYING)
+        least = targets[i] if 0.0 < targets[i] < WORTH_TRYING else WORTH_TRYING
+        tried = len(places) > 0 and bool(total[i] >= least - 1e-9)
         status: Status = "planned" if reached else "best effort" if tried else "not planned"
         single = chances.chance[i, list(places)]
         low, high = chances.windows_ms[i].tolist()
