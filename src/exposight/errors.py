@@ -3,8 +3,14 @@
 Every message says what was expected, what came, and what to do about it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from exposight.contradictions import Contradiction
 
 
 class ExposightError(Exception):
@@ -37,6 +43,21 @@ class CloudError(InputError):
 
 class ObservationError(InputError):
     """A table of observations cannot be learnt from."""
+
+
+class ContradictionError(InputError):
+    """Two inputs say the same thing twice and do not agree, so no right number can come of them.
+
+    Parameters
+    ----------
+    message : str
+    contradictions : tuple of Contradiction
+        What was compared, what was found, and what would explain it; warnings among them.
+    """
+
+    def __init__(self, message: str, contradictions: tuple[Contradiction, ...] = ()) -> None:
+        super().__init__(message)
+        self.contradictions = contradictions
 
 
 class FileError(ExposightError):

@@ -16,7 +16,7 @@ from cyclopts.exceptions import MissingArgumentError
 from exposight import __version__
 from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
 from exposight.cli.terminal import print_error, print_json, quit_quietly
-from exposight.errors import ExposightError, did_you_mean
+from exposight.errors import ContradictionError, ExposightError, did_you_mean
 
 COMMANDS = {
     "demo": "Run the whole method once on a simulated cell.",
@@ -147,7 +147,8 @@ def _report(error: BaseException, command: str, *, as_json: bool) -> int:
             message = _call_message(error)
             known = command if command in COMMANDS else ""
             hint = f"exposight {known} --help shows the form of the call".replace("  ", " ")
-    print_error(kind, message, hint=hint, as_json=as_json)
+    found = error.contradictions if isinstance(error, ContradictionError) else ()
+    print_error(kind, message, hint=hint, contradictions=found, as_json=as_json)
     return status
 
 

@@ -13,6 +13,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from exposight.cli.terminal import console
+from exposight.contradictions import Contradiction
 from exposight.errors import FileError
 from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, count
@@ -90,6 +91,8 @@ class Result:
         Each one is a list of objects in JSON, under its name.
     notes : tuple of str
         Remarks that the reader should not miss.
+    contradictions : tuple of Contradiction
+        Inputs that say the same thing twice and do not agree, where the result may still be right.
     files : tuple of Written
         What was written.
     next_step : str
@@ -100,6 +103,7 @@ class Result:
     facts: tuple[Fact, ...] = ()
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
     files: tuple[Written, ...] = ()
     next_step: str = ""
 
@@ -109,6 +113,7 @@ class Result:
             **{fact.name: fact.value for fact in self.facts},
             **{table.name: table.frame.to_dicts() for table in self.tables},
             "notes": self.notes,
+            "contradictions": self.contradictions,
             "files": self.files,
         }
 
@@ -123,6 +128,9 @@ class Result:
             if self.title or shown or position:
                 _print_line("")
             _print_table(table)
+        for contradiction in self.contradictions:
+            marked = Text.assemble(("contradiction: ", "bold red"), str(contradiction))
+            console().print(marked)
         for note in self.notes:
             console().print(Text.assemble(("note: ", "bold yellow"), note))
         for file in self.files:

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -24,6 +24,8 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from exposight.contradictions import Contradiction
+
 BROKEN_PIPE = 141
 """Exit status where the reader of the output left, as shells have it: 128 + SIGPIPE."""
 
@@ -34,10 +36,20 @@ def print_json(document: Mapping[str, object]) -> None:
     console().print(text, soft_wrap=True, markup=False)
 
 
-def print_error(kind: str, message: str, *, hint: str = "", as_json: bool) -> None:
+def print_error(
+    kind: str,
+    message: str,
+    *,
+    hint: str = "",
+    contradictions: Sequence[Contradiction] = (),
+    as_json: bool,
+) -> None:
     """Print a failure: one line on standard error, or a JSON object on standard output."""
     if as_json:
-        print_json({"error": {"type": kind, "message": message}})
+        document: dict[str, object] = {"type": kind, "message": message}
+        if contradictions:
+            document["contradictions"] = contradictions
+        print_json({"error": document})
         return
     line = Text.assemble(("error: ", "bold red"), " ".join(message.split()))
     stderr = Console(stderr=True, highlight=False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX
+from exposight.contradictions import Contradiction
 from exposight.errors import ImageError
 
 
@@ -111,6 +112,8 @@ class DecodedMap:
         Exposure time of the frames.
     emulated : bool
         True if the frames were not recorded as they are.
+    contradictions : tuple of Contradiction
+        What in the frames does not fit their sequence, where the map may still be right.
     """
 
     column: NDArray[np.float64] | None
@@ -121,6 +124,7 @@ class DecodedMap:
     projector_height: int
     exposure_ms: float | None
     emulated: bool
+    contradictions: tuple[Contradiction, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.column, self.row, self.modulation, self.flags):
