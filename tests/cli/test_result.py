@@ -40,6 +40,7 @@ def test_machines_get_every_fact_and_row(result, capsys):
         "models": [{"model": "q_k4", "rmse": 0.1}],
         "all": [{"a": 1}],
         "notes": ["few rows"],
+        "contradictions": [],
         "files": [{"kind": "table", "path": "t.csv", "replaced": True}],
     }
 
