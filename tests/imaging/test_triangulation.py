@@ -108,10 +108,19 @@ def test_missing_pixels_stay_missing(scene):
     assert cloud.n_valid == column.size - 1
 
 
-def test_column_serves_where_the_row_is_missing(scene):
-    row = np.full_like(scene.row, np.nan)
-    both, alone = map_of(scene.column, row), map_of(scene.column)
-    assert np.array_equal(cloud_of(scene, both).points, cloud_of(scene, alone).points)
+@pytest.mark.parametrize("missing", ["column", "row"])
+def test_a_pixel_half_read_has_no_point(scene, missing):
+    coordinates = {"column": scene.column.copy(), "row": scene.row.copy()}
+    coordinates[missing][7, 8] = np.nan
+    decoded = map_of(**coordinates)
+    cloud = cloud_of(scene, decoded)
+    assert not cloud.valid[7, 8]
+    assert cloud.n_valid == cloud.valid.size - 1 == decoded.counts().decoded
+    assert decoded.counts().half_read == 1
+
+
+def test_an_axis_that_is_not_coded_is_not_half_read(scene):
+    assert map_of(scene.column).counts().half_read == 0
 
 
 def test_inconsistent_row_is_left_out(scene):

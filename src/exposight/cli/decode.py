@@ -26,6 +26,7 @@ _MEANINGS = {
     "clipped": "a sample at full scale",
     "ambiguous": "bits or phases disagree",
     "outside": "no place on the projector",
+    "half_read": "column or row was read, the other was not: no point",
 }
 
 

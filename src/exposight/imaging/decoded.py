@@ -83,10 +83,14 @@ class DecodingLimits:
 
 @dataclass(frozen=True)
 class DecodingCounts:
-    """How many pixels were decoded, and how many carry each flag; one may carry several."""
+    """How many pixels were decoded, and how many carry each flag; one may carry several.
+
+    `half_read` are those of which one coded axis was read and the other was not.
+    """
 
     pixels: int
     decoded: int
+    half_read: int
     low_modulation: int
     clipped: int
     ambiguous: int
@@ -152,4 +156,8 @@ class DecodedMap:
     def counts(self) -> DecodingCounts:
         """Count the decoded pixels and each flag."""
         flagged = [int(np.count_nonzero(self.flagged(flag))) for flag in PixelFlag]
-        return DecodingCounts(self.flags.size, int(np.count_nonzero(self.valid)), *flagged)
+        half_read = 0
+        if self.column is not None and self.row is not None:
+            half_read = int(np.count_nonzero(np.isnan(self.column) != np.isnan(self.row)))
+        n_decoded = int(np.count_nonzero(self.valid))
+        return DecodingCounts(self.flags.size, n_decoded, half_read, *flagged)

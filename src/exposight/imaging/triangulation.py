@@ -3,7 +3,8 @@
 A projector with lens distortion lights a curved surface with each of its columns. So the depth is
 solved for along the camera's ray: the point at depth z, projected through the projector's lens,
 must have the decoded coordinate. Newton's method, from the solution without distortion, needs two
-or three steps. Where column and row are both known, depth is the least-squares fit to both.
+or three steps. Where column and row are both coded, depth is the least-squares fit to both, and a
+pixel of which one was not read has no point: whatever spoilt that one may have spoilt the other.
 """
 
 import numba
@@ -57,8 +58,8 @@ def triangulate(
     Returns
     -------
     Cloud
-        Organised like the map, in the camera frame; NaN where not decoded, where the ray
-        runs towards the projector's centre, or where the intersection is behind either lens.
+        Organised like the map, in the camera frame; NaN where a coded axis was not read, where the
+        ray runs towards the projector's centre, or where the intersection is behind either lens.
 
     Raises
     ------
@@ -202,7 +203,7 @@ def _intersect(
             u = columns[r, c] if columns.size else np.nan
             v = rows[r, c] if rows.size else np.nan
             x, y = rays[r, c, 0], rays[r, c, 1]
-            if (np.isnan(u) and np.isnan(v)) or np.isnan(x):
+            if (columns.size and np.isnan(u)) or (rows.size and np.isnan(v)) or np.isnan(x):
                 continue
             for i in range(3):
                 a[i] = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2]
