@@ -117,7 +117,7 @@ def test_the_projector_s_size_is_asked_for(tmp_path, failing):
 def test_a_calibration_in_metres(tmp_path, failing):
     calibration = write_calibration(tmp_path / "c.xml", baseline=0.220)
     told = failing(calibration, *NEEDED, "--projector-size", 1024, 768)
-    assert "stand 0.2341 mm apart, which cannot be: is the translation in m?" in told
+    assert "0.234 mm apart, which cannot be; is the translation in m?" in told
 
 
 def test_a_projector_without_its_pose(camera_info, failing):

@@ -27,6 +27,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from exposight.contradictions import Contradiction, settle
+from exposight.contradictions.rigs import baseline
 from exposight.errors import SensorError, did_you_mean
 from exposight.files import DocumentFormat, StoredAs, read_text, write_durably
 from exposight.geometry import PinholeCamera, RigidTransform
@@ -129,6 +131,8 @@ class ActiveSensor:
     ------
     SensorError
         If anything of that is missing or contradicts itself.
+    ContradictionError
+        If its devices cannot stand so close to each other, or so far apart.
     """
 
     name: str
@@ -149,6 +153,7 @@ class ActiveSensor:
         if fault:
             msg = f"sensor {self.name!r}: {fault}"
             raise SensorError(msg)
+        settle(self.contradictions())
 
     def _fault(self) -> str:
         if not self.name.strip():
@@ -164,6 +169,22 @@ class ActiveSensor:
         if not (math.isfinite(far) and 0 < near < far):
             return f"working distances need 0 < near < far in mm, got {near:g} and {far:g}"
         return ""
+
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """Return what of the devices' places cannot be, or may not be meant."""
+        devices = {f"camera 1 and {i}": pose for i, pose in enumerate(self.first_from_camera, 1)}
+        del devices["camera 1 and 1"]
+        if self.projector is not None:
+            devices["camera and projector"] = self.projector.camera_from_projector
+        found = [
+            baseline(
+                float(np.linalg.norm(pose.translation_mm)),
+                f"{what} of sensor {self.name!r}",
+                self.working_distance_mm,
+            )
+            for what, pose in devices.items()
+        ]
+        return tuple(each for each in found if each is not None)
 
     @property
     def camera(self) -> PinholeCamera:

@@ -10,11 +10,7 @@ from exposight import geometry
 from exposight.cell import ActiveSensor, ExposureRange, Projector, write_sensor
 from exposight.cli.app import UsageError
 from exposight.cli.result import Fact, Result, Written, fact
-from exposight.errors import FormatError, SensorError
-from exposight.tables import number
-
-_LEAST_BASELINE_MM = 2.0
-"""No projector stands nearer to its camera; a calibration in m says less than that."""
+from exposight.errors import FormatError
 
 _LEAST_DISTANCE_MM = 10.0
 """No sensor measures nearer only; a working distance in m says less than that."""
@@ -102,6 +98,7 @@ def sensor_command(
     return Result(
         title=f"{calibration}: {name}",
         facts=sensor_facts(sensor),
+        contradictions=sensor.contradictions(),
         notes=(metres,) if far_mm < _LEAST_DISTANCE_MM else (),
         files=(file,),
     )
@@ -151,7 +148,8 @@ def _calibrated(
             msg = f"{path} holds the projector: leave out --projector and --projector-pose"
             raise UsageError(msg)
         rig = geometry.read_projector_camera(path, projector_size=projector_size)
-        return rig.camera, _projector(rig.projector, rig.camera_from_projector, path)
+        light = Projector(camera=rig.projector, camera_from_projector=rig.camera_from_projector)
+        return rig.camera, light
     if not {"camera_matrix.data", "camera_matrix", "K", "k"} & set(nodes):
         msg = (
             f"{path}: expected camera and projector named as by "
@@ -165,19 +163,7 @@ def _calibrated(
     camera = geometry.read_ros_camera_info(path)
     if projector is None or pose is None:
         return camera, None
-    return camera, _projector(
-        geometry.read_ros_camera_info(projector), geometry.read_pose(pose), pose
+    return camera, Projector(
+        camera=geometry.read_ros_camera_info(projector),
+        camera_from_projector=geometry.read_pose(pose),
     )
-
-
-def _projector(
-    camera: geometry.PinholeCamera, camera_from_projector: geometry.RigidTransform, path: Path
-) -> Projector:
-    baseline_mm = float(np.linalg.norm(camera_from_projector.translation_mm))
-    if baseline_mm < _LEAST_BASELINE_MM:
-        msg = (
-            f"{path}: camera and projector stand {number(baseline_mm)} mm apart, which cannot be: "
-            "is the translation in m? multiply it by 1000"
-        )
-        raise SensorError(msg)
-    return Projector(camera=camera, camera_from_projector=camera_from_projector)

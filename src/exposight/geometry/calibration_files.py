@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from exposight.contradictions import settle
+from exposight.contradictions.rigs import baseline
 from exposight.errors import FormatError, MissingFileError, PoseError, SensorError
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.poses import RigidTransform
@@ -78,11 +80,20 @@ class ProjectorCamera:
         Intrinsic parameters; the projector is a camera with its light running the other way.
     projector_from_camera : RigidTransform
         Extrinsic parameters, mm.
+
+    Raises
+    ------
+    ContradictionError
+        If both cannot stand so close or so far apart.
     """
 
     camera: PinholeCamera
     projector: PinholeCamera
     projector_from_camera: RigidTransform
+
+    def __post_init__(self) -> None:
+        apart_mm = float(np.linalg.norm(self.projector_from_camera.translation_mm))
+        settle([baseline(apart_mm, "camera and projector")])
 
     @property
     def camera_from_projector(self) -> RigidTransform:
@@ -292,6 +303,8 @@ def read_projector_camera(
         If the file or a node is missing or malformed.
     PoseError
         If the rotation is none.
+    ContradictionError
+        If both cannot stand so close or so far apart: the translation may be in metres.
     """
     file = read_opencv_file(path)
     keys = keys or _recognise(file)
@@ -308,6 +321,8 @@ def read_projector_camera(
     except PoseError as error:
         msg = f"{file.path}: {error}"
         raise PoseError(msg) from error
+    apart_mm = float(np.linalg.norm(translation_mm))
+    settle([baseline(apart_mm, f"camera and projector in {file.path}")])
     return ProjectorCamera(
         camera=_camera(file, keys.camera_matrix, keys.camera_distortion, camera_size),
         projector=_camera(file, keys.projector_matrix, keys.projector_distortion, projector_size),
