@@ -163,3 +163,53 @@ def test_a_working_distance_in_metres_is_remarked_on(tmp_path, run_json):
     (note,) = run_json(*words, "--working-distance", 0.4, 0.8)["notes"]
     assert "if these are metres, multiply by 1000" in note
     assert run_json(*words, "--working-distance", 400, 800)["notes"] == []
+
+
+# -- two cameras --------------------------------------------------------------------------------
+
+PROJECTION = "projection_matrix:\n  rows: 3\n  cols: 4\n  data: "
+
+
+def stereo_infos(tmp_path, baseline_m=0.06):
+    """Left and right, of raw images with distortion and of rectified ones."""
+    paths = []
+    for name, offset in (("left", 0.0), ("right", -1200.0 * baseline_m)):
+        row = [1200.0, 0, 640, offset, 0, 1200, 480, 0, 0, 0, 1, 0]
+        paths.append(tmp_path / f"{name}.yaml")
+        paths[-1].write_text(f"{CAMERA_INFO}{PROJECTION}{row}\n", encoding="utf-8")
+    return paths
+
+
+def test_two_cameras_are_a_stereo_sensor(tmp_path, run_json):
+    left, right = stereo_infos(tmp_path)
+    path = tmp_path / "s.json"
+    facts = run_json("sensor", left, right, "--rectified", *NEEDED, "-o", path)
+    sensor = read_sensor(path)
+    assert len(sensor.cameras) == 2
+    assert sensor.projector is None
+    assert sensor.first_from_camera[1].translation_mm.tolist() == pytest.approx([60, 0, 0])
+    assert facts["baseline_mm"] == pytest.approx(60.0)
+
+
+def test_raw_or_rectified_is_asked(tmp_path, failing):
+    left, right = stereo_infos(tmp_path)
+    assert "say --raw or --rectified" in failing(left, *NEEDED)
+    assert "say --raw or --rectified" in failing(left, right, *NEEDED)
+
+
+def test_one_rectified_camera(tmp_path, run_json):
+    left, _ = stereo_infos(tmp_path)
+    run_json("sensor", left, "--rectified", *NEEDED, "-o", tmp_path / "s.json")
+    assert read_sensor(tmp_path / "s.json").camera.distortion == ()
+
+
+@pytest.mark.parametrize(("baseline_m", "length"), [(60.0, "60 000"), (6e-5, "0.06")])
+def test_cameras_that_cannot_stand_so(baseline_m, length, tmp_path, failing):
+    told = failing(*stereo_infos(tmp_path, baseline_m), "--rectified", *NEEDED)
+    assert f"{length} mm apart" in told
+    assert "P[3] is −fx·baseline in m" in told
+
+
+def test_a_stereo_sensor_takes_no_projector(tmp_path, failing, camera_info):
+    words = ("--raw", *NEEDED, "--projector", camera_info)
+    assert "leave out --projector" in failing(*stereo_infos(tmp_path), *words, status=2)

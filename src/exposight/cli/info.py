@@ -18,8 +18,13 @@ from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
-from exposight.geometry import KNOWN_KEYS, read_opencv_file, read_projector_camera
-from exposight.geometry import read_ros_camera_info as read_camera_info
+from exposight.geometry import (
+    KNOWN_KEYS,
+    is_stereo_file,
+    read_camera_info,
+    read_opencv_file,
+    read_projector_camera,
+)
 from exposight.geometry.meshes import MESH_SUFFIXES
 from exposight.imaging import SEQUENCE_PRESETS, read_sequence
 from exposight.measuring import read_state, recorded_driver
@@ -301,10 +306,17 @@ def _frames(path: Path) -> Iterator[Fact]:
 @_kind("calibration", "OpenCV .xml, .yml, .yaml", _named(".xml", ".yml", ".yaml"))
 def _calibration(path: Path) -> Iterator[Fact]:
     nodes = set(read_opencv_file(path).nodes)
+    if is_stereo_file(path):
+        yield fact("form", "OpenCV, two cameras")
+        yield fact("nodes", sorted(nodes), ", ".join(sorted(nodes)))
+        return
     program = next((name for name, keys in KNOWN_KEYS.items() if keys.camera_matrix in nodes), None)
     yield fact("form", program or "ROS camera_info")
     if program is None:
-        yield from camera_facts("camera", read_camera_info(path))
+        info = read_camera_info(path)
+        yield from camera_facts("camera", info.raw)
+        if info.rectified is not None:
+            yield from camera_facts("rectified_camera", info.rectified)
     elif KNOWN_KEYS[program].projector_size is None:
         yield fact("projector_size_px", None, "not in the file; give --projector-size W H")
     else:

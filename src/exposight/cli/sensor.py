@@ -16,8 +16,12 @@ _LEAST_DISTANCE_MM = 10.0
 """No sensor measures nearer only; a working distance in m says less than that."""
 
 
+RectifiedOrRaw = Annotated[bool | None, Parameter(name="--rectified", negative="--raw")]
+
+
 def sensor_command(
     calibration: Path,
+    right: Path | None = None,
     /,
     *,
     name: str,
@@ -28,6 +32,8 @@ def sensor_command(
     output: Annotated[Path, Parameter(alias="-o")] = Path("sensor.json"),
     exposure_step_ms: Annotated[float, Parameter("--exposure-step", metavar="MS")] = 0.001,
     tcp_distance_mm: Annotated[float | None, Parameter("--tcp-distance", metavar="MM")] = None,
+    rectified: RectifiedOrRaw = None,
+    image_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
     projector: Path | None = None,
     projector_pose: Path | None = None,
@@ -42,11 +48,16 @@ def sensor_command(
         exposight sensor calibration.xml --name "my scanner" --exposures 1 500 \
           --working-distance 400 800 -o sensor.json
 
+        exposight sensor left.yaml right.yaml --rectified --name "my stereo camera" \
+          --exposures 0.1 20 --working-distance 300 900 -o sensor.json
+
     Parameters
     ----------
     calibration
         Camera and projector (OpenCV YAML or XML, with the names that SLStudio or procam-calibration
-        use), or one camera (ROS camera_info).
+        use); one camera (ROS camera_info); or two cameras (OpenCV's M1 D1 M2 D2 R T).
+    right
+        Of two cameras: the right one's ROS camera_info, or OpenCV's file of R and T.
     name
         Name of the sensor.
     exposures_ms
@@ -60,6 +71,11 @@ def sensor_command(
     tcp_distance_mm
         From the camera to the TCP along the camera's axis, mm; the middle of the working distance
         by default.
+    rectified
+        What the saved images are: rectified (P of a camera_info, P1 and P2 of OpenCV, no
+        distortion) or raw (K and D). Asked for where the calibration has both and they differ.
+    image_size
+        Width and height of the images in px, where a calibration of two cameras lacks them.
     projector_size
         Projector's width and height in px, where the calibration lacks it.
     projector
@@ -70,7 +86,17 @@ def sensor_command(
     if output.suffix.lower() != ".json":
         msg = f"a sensor's document ends in .json, got the name {output.name}"
         raise UsageError(msg)
-    camera, light = _calibrated(calibration, projector_size, projector, projector_pose)
+    images = image_kind(rectified)
+    second: tuple[geometry.PinholeCamera, geometry.RigidTransform] | None = None
+    light: Projector | None = None
+    if right is not None or geometry.is_stereo_file(calibration):
+        if projector is not None or projector_pose is not None or projector_size is not None:
+            msg = "two cameras measure without a projector's calibration: leave out --projector…"
+            raise UsageError(msg)
+        pair = geometry.read_stereo_cameras(calibration, right, images=images, size=image_size)
+        camera, second = pair.first, (pair.second, pair.first_from_second)
+    else:
+        camera, light = _calibrated(calibration, images, projector_size, projector, projector_pose)
     near_mm, far_mm = working_distance_mm
     tcp_mm = (near_mm + far_mm) / 2 if tcp_distance_mm is None else tcp_distance_mm
     if not near_mm <= tcp_mm <= far_mm:
@@ -81,8 +107,10 @@ def sensor_command(
         raise UsageError(msg)
     sensor = ActiveSensor(
         name=name,
-        cameras=(camera,),
-        first_from_camera=(geometry.RigidTransform(),),
+        cameras=(camera,) if second is None else (camera, second[0]),
+        first_from_camera=(geometry.RigidTransform(),)
+        if second is None
+        else (geometry.RigidTransform(), second[1]),
         projector=light,
         camera_from_tcp=geometry.RigidTransform(translation_mm=np.array([0.0, 0.0, tcp_mm])),
         exposure=ExposureRange(
@@ -90,7 +118,7 @@ def sensor_command(
         ),
         working_distance_mm=working_distance_mm,
     )
-    file = Written.at(output, "sensor", inputs=(calibration, projector, projector_pose))
+    file = Written.at(output, "sensor", inputs=(calibration, right, projector, projector_pose))
     write_sensor(output, sensor)
     metres = (
         f"a working distance of {near_mm:g} to {far_mm:g} mm: if these are metres, multiply by 1000"
@@ -112,6 +140,7 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
         fact("name", sensor.name),
         fact("cameras", len(sensor.cameras)),
         *camera_facts("camera", sensor.camera),
+        *_second_facts(sensor),
         fact("projector_px", None if light is None else [light.width, light.height]),
         fact("exposures_ms", [low, high, step], f"{low:g} to {high:g} in steps of {step:g}"),
         fact("working_distance_mm", list(sensor.working_distance_mm)),
@@ -121,6 +150,26 @@ def sensor_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
             for name, value in sensor.simulated.items()
         ),
     )
+
+
+def _second_facts(sensor: ActiveSensor) -> tuple[Fact, ...]:
+    """Return what is known of a stereo sensor's second camera."""
+    if len(sensor.cameras) == 1:
+        return ()
+    place_mm = sensor.first_from_camera[1].translation_mm
+    baseline_mm = float(np.linalg.norm(place_mm))
+    return (
+        *camera_facts("second_camera", sensor.cameras[1]),
+        fact("second_camera_mm", place_mm.tolist()),
+        fact("baseline_mm", baseline_mm),
+    )
+
+
+def image_kind(rectified: bool | None) -> geometry.ImageKind | None:
+    """Return what --rectified or --raw says."""
+    if rectified is None:
+        return None
+    return "rectified" if rectified else "raw"
 
 
 def _spelled(value: object) -> str | None:
@@ -139,7 +188,11 @@ def camera_facts(name: str, camera: geometry.PinholeCamera) -> tuple[Fact, ...]:
 
 
 def _calibrated(
-    path: Path, projector_size: tuple[int, int] | None, projector: Path | None, pose: Path | None
+    path: Path,
+    images: geometry.ImageKind | None,
+    projector_size: tuple[int, int] | None,
+    projector: Path | None,
+    pose: Path | None,
 ) -> tuple[geometry.PinholeCamera, Projector | None]:
     """Return the camera and, where it is known, the projector."""
     nodes = geometry.read_opencv_file(path).nodes
@@ -154,16 +207,17 @@ def _calibrated(
         msg = (
             f"{path}: expected camera and projector named as by "
             f"{' or '.join(geometry.KNOWN_KEYS)}, or a "
-            f"ROS camera_info; the file has {', '.join(nodes)}"
+            "ROS camera_info, or two cameras named M1 D1 M2 D2 R T; the file has "
+            f"{', '.join(nodes)}"
         )
         raise FormatError(msg)
     if (projector is None) != (pose is None):
         msg = "a projector needs both its --projector and its --projector-pose"
         raise UsageError(msg)
-    camera = geometry.read_ros_camera_info(path)
+    camera = geometry.read_ros_camera_info(path, images)
     if projector is None or pose is None:
         return camera, None
     return camera, Projector(
-        camera=geometry.read_ros_camera_info(projector),
+        camera=geometry.read_ros_camera_info(projector, "raw"),
         camera_from_projector=geometry.read_pose(pose),
     )

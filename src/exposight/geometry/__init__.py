@@ -6,8 +6,8 @@ from exposight.geometry.calibration_files import (
     ProjectorCamera,
     read_opencv_file,
     read_projector_camera,
-    read_ros_camera_info,
 )
+from exposight.geometry.camera_info import ImageKind, read_camera_info, read_ros_camera_info
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.cylinders import (
     HollowCylinder,
@@ -18,6 +18,11 @@ from exposight.geometry.cylinders import (
     ring_pixels,
 )
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
+from exposight.geometry.stereo_calibrations import (
+    StereoCameras,
+    is_stereo_file,
+    read_stereo_cameras,
+)
 from exposight.geometry.written_poses import (
     PoseNotation,
     parse_pose,

@@ -1,4 +1,4 @@
-"""Calibrations as users bring them: OpenCV's YAML and XML, and ROS ``camera_info``.
+"""Calibrations as users bring them: OpenCV's YAML and XML.
 
 OpenCV's own parser reads all of them, also files that start with a ``%YAML:`` line, at which
 ordinary YAML readers stop. No two programs name their nodes alike, so the caller names them;
@@ -312,8 +312,8 @@ def read_projector_camera(
         if keys.projector_size is None:
             msg = f"{file.path}: the projector's size is not in the file; give its width and height"
             raise FormatError(msg)
-        projector_size = _size(file, keys.projector_size)
-    camera_size = _size(file, keys.camera_size)
+        projector_size = read_size(file, keys.projector_size)
+    camera_size = read_size(file, keys.camera_size)
     rotation = file.matrix(keys.rotation, (3, 3))
     translation_mm = file.matrix(keys.translation_mm)
     try:
@@ -324,13 +324,24 @@ def read_projector_camera(
     apart_mm = float(np.linalg.norm(translation_mm))
     settle([baseline(apart_mm, f"camera and projector in {file.path}")])
     return ProjectorCamera(
-        camera=_camera(file, keys.camera_matrix, keys.camera_distortion, camera_size),
-        projector=_camera(file, keys.projector_matrix, keys.projector_distortion, projector_size),
+        camera=read_camera(file, keys.camera_matrix, keys.camera_distortion, camera_size),
+        projector=read_camera(
+            file, keys.projector_matrix, keys.projector_distortion, projector_size
+        ),
         projector_from_camera=projector_from_camera,
     )
 
 
-def _camera(file: OpenCVFile, matrix: str, distortion: str, size: tuple[int, int]) -> PinholeCamera:
+def read_camera(
+    file: OpenCVFile, matrix: str, distortion: str, size: tuple[int, int]
+) -> PinholeCamera:
+    """Return the camera of two nodes, and of a size in px (width, height).
+
+    Raises
+    ------
+    FormatError
+        If a node is missing or malformed.
+    """
     numbers = file.matrix(matrix)
     if numbers.size != 9:  # a ROS message lists them row by row
         msg = f"{file.path}: node '{matrix}' must be 3×3 or 9 numbers, got shape {numbers.shape}"
@@ -360,54 +371,10 @@ def _recognise(file: OpenCVFile) -> CalibrationKeys:
     raise FormatError(msg)
 
 
-def _size(file: OpenCVFile, keys: tuple[str, str]) -> tuple[int, int]:
+def read_size(file: OpenCVFile, keys: tuple[str, str]) -> tuple[int, int]:
+    """Return width and height from their nodes, or (height, width) from one; errors as `matrix`."""
     if keys[0] == keys[1]:
         height, width = file.whole_numbers(keys[0], 2)
         return width, height
     (width,), (height,) = (file.whole_numbers(key, 1) for key in keys)
     return width, height
-
-
-_ROS_NAMES = {
-    "width": ("image_width", "width"),
-    "height": ("image_height", "height"),
-    "matrix": ("camera_matrix.data", "camera_matrix", "K", "k"),
-    "distortion": ("distortion_coefficients.data", "distortion_coefficients", "D", "d"),
-}
-_ROS_MODELS = {"plumb_bob", "rational_polynomial", "none", ""}
-
-
-def read_ros_camera_info(path: str | Path) -> PinholeCamera:
-    """Read a ROS ``camera_info`` file, as ``camera_calibration`` or a dumped message writes it.
-
-    Parameters
-    ----------
-    path : path
-        YAML with ``image_width``, ``image_height``, ``camera_matrix`` and
-        ``distortion_coefficients``, or with a message's ``width``, ``height``, ``K``, ``D``.
-
-    Raises
-    ------
-    MissingFileError, FormatError
-        If the file or a key is missing, or the distortion model is not a pinhole lens's.
-    """
-    file = read_opencv_file(path)
-    model = str(file.nodes.get("distortion_model", ""))
-    if model not in _ROS_MODELS:
-        msg = (
-            f"{file.path}: distortion model '{model}' is not a pinhole lens's; expected "
-            "'plumb_bob' or 'rational_polynomial'"
-        )
-        raise FormatError(msg)
-    size = _size(file, (_ros_key(file, "width"), _ros_key(file, "height")))
-    return _camera(file, _ros_key(file, "matrix"), _ros_key(file, "distortion"), size)
-
-
-def _ros_key(file: OpenCVFile, name: str) -> str:
-    for key in _ROS_NAMES[name]:
-        if key in file.nodes:
-            return key
-    keys = dict.fromkeys(key.removesuffix(".data") for key in _ROS_NAMES[name])
-    expected = "' or '".join(keys)
-    msg = f"{file.path}: no key '{expected}'; the file has {', '.join(file.nodes)}"
-    raise FormatError(msg)
