@@ -26,7 +26,7 @@ def test_errors_are_raised_with_all_that_was_found():
     with pytest.raises(
         ContradictionError, match=r"this and that: 3 px.*--despite own-pixels"
     ) as it:
-        settle([warning, error])
+        settle([warning, error], despite=())
     assert it.value.contradictions == (warning, error)
 
 
@@ -35,6 +35,11 @@ def test_an_accepted_error_is_returned():
     assert settle([error], despite=("own-pixels",)) == (error,)
     with pytest.raises(ContradictionError):
         settle([error], despite=("spike",))
+
+
+def test_what_nothing_can_be_made_of_has_no_way_round():
+    with pytest.raises(ContradictionError, match=r"^contradiction: this and that: 3 px$"):
+        settle([contradiction("baseline")])
 
 
 def test_machines_read_them(capsys):

@@ -36,7 +36,7 @@ class Contradiction:
 
 
 def settle(
-    found: Iterable[Contradiction | None], despite: Collection[str] = ()
+    found: Iterable[Contradiction | None], despite: Collection[str] | None = None
 ) -> tuple[Contradiction, ...]:
     """Return the contradictions that a result may bear, and raise for those that it cannot.
 
@@ -44,8 +44,9 @@ def settle(
     ----------
     found : iterable of Contradiction or None
         What the checks returned.
-    despite : collection of str
-        Names of checks whose errors are accepted: they are returned with the warnings.
+    despite : collection of str, optional
+        Names of checks whose errors are accepted: they are returned with the warnings. None where
+        nothing can be made of the input all the same.
 
     Returns
     -------
@@ -58,13 +59,14 @@ def settle(
         If an error is among them that was not accepted.
     """
     contradictions = tuple(dict.fromkeys(each for each in found if each is not None))
-    errors = [each for each in contradictions if each.is_error and each.check not in despite]
+    errors = [
+        each for each in contradictions if each.is_error and each.check not in (despite or ())
+    ]
     if errors:
-        names = " ".join(f"--despite {name}" for name in dict.fromkeys(e.check for e in errors))
-        msg = (
-            f"the input contradicts itself. {'. '.join(map(str, errors))}. ({names} goes on all "
-            "the same)"
-        )
+        msg = ". ".join(f"contradiction: {each}" for each in errors)
+        if despite is not None:
+            names = dict.fromkeys(each.check for each in errors)
+            msg += f" ({' '.join(f'--despite {name}' for name in names)} goes on all the same)"
         raise ContradictionError(msg, contradictions)
     return contradictions
 

@@ -29,8 +29,8 @@ def baseline(
     working_distance_mm : (float, float), mm, optional
         From where to where the sensor measures.
     """
-    compared = f"the place of {what} against what can stand there"
-    found = f"they stand {_length(distance_mm)} apart"
+    compared = f"the distance between {what}, against what can be built"
+    found = f"{_length(distance_mm)} apart"
     if not distance_mm > 0.0:
         return Contradiction(
             check=BASELINE,
