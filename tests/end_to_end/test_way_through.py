@@ -3,6 +3,7 @@
 import csv
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 
@@ -64,6 +65,21 @@ def test_a_single_capture_gives_the_campaign_s_numbers(single, observations, tmp
     np.testing.assert_array_equal(
         read_observations(alone).array(columns), of_campaign.array(columns)
     )
+
+
+def test_a_single_image_in_high_bits_that_saturates(single, tmp_path, run_json):
+    eight = cv2.imread(str(single / "stripes.png"), cv2.IMREAD_UNCHANGED)
+    twelve = np.minimum(eight.astype(np.uint16) * 16, 3000)
+    cv2.imwrite(str(tmp_path / "deep.png"), twelve << 4)
+    run_json(
+        *("observe", "--image", tmp_path / "deep.png", "--cloud", single / "cloud.ply"),
+        *("--features", single / "features.csv", "--sensor", single / "sensor.json"),
+        *("--exposure-ms", 10, "--pose", single / "pose.txt", "-o", tmp_path / "o.csv"),
+        *("--bit-depth", 12, "--alignment", "high", "--saturation-level", 1920),
+    )
+    frame = read_observations(tmp_path / "o.csv").measured().frame
+    clipped = frame["clipped_share"].to_numpy()
+    assert ((clipped > 0) & (clipped < 1)).any()  # the plate is brighter in its middle
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from exposight.imaging import (
     Fringe,
     GrayCode,
     PatternSequence,
+    PixelFlag,
     decode,
     re_expose,
     read_recording,
@@ -99,3 +102,46 @@ def test_incomplete_recording(tmp_path, stack):
         cv2.imwrite(str(tmp_path / f"frame{i}.png"), stack.frames[i])
     with pytest.raises(ImageError, match="expected 9 frames, found 3; the numbering skips 2"):
         read_recording(tmp_path, BOTH)
+
+
+def test_samples_from_the_saturation_level_on_are_clipped(stack):
+    frames = np.minimum(stack.frames, 180)
+    saturating = replace(BOTH, saturation_level=180)
+    seen = decode(FrameStack(frames=frames, saturation_level=180), saturating)
+    clipped = (frames[:3] == 180).any(axis=0)
+    assert clipped.any()
+    assert np.array_equal(np.isnan(seen.column), clipped)
+    assert (seen.flagged(PixelFlag.CLIPPED) >= clipped).all()
+
+
+@pytest.mark.parametrize("changed", [{"saturation_level": 180}, {"camera_gamma": 2.2}])
+def test_stack_and_sequence_say_the_same_of_grey_levels(stack, changed):
+    with pytest.raises(ImageError, match="is another than that of sequence 'both axes'"):
+        decode(stack, replace(BOTH, **changed))
+
+
+def test_a_response_makes_frames_linear(render_fringe):
+    # 16 bits, so that rounding is small beside the error that the curve makes of three steps.
+    column = np.linspace(0, 15, 200).reshape(2, 100)
+    light = render_fringe(column, 1, 16, [0, 120, 240]) / 255
+    sequence = replace(BOTH, rows=None, bit_depth=16)
+    frames = np.rint(65535 * light ** (1 / 2.2)).astype(np.uint16)
+    bent = decode(FrameStack(frames=frames, bit_depth=16), sequence).column
+    sequence = replace(sequence, camera_gamma=2.2)
+    linear = FrameStack(frames=frames, bit_depth=16, response=sequence.response())
+    assert np.abs(bent - column).max() > 0.1
+    assert np.abs(decode(linear, sequence).column - column).max() < 1e-3
+
+
+def test_frames_are_read_with_their_grey_levels(tmp_path, stack):
+    sequence = replace(
+        BOTH, bit_depth=12, alignment="high", saturation_level=4000, camera_gamma=2.0,
+        unused_frames=(9,), file_pattern="*.tif",
+    )  # fmt: skip
+    for i, frame in enumerate([*stack.frames, stack.frames[0]]):
+        cv2.imwrite(str(tmp_path / f"frame{i}.TIF"), frame.astype(np.uint16) << 8)
+    read = read_recording(tmp_path, sequence)
+    assert np.array_equal(read.frames[:9], stack.frames.astype(np.uint16) << 4)
+    assert read.saturation_level == 4000
+    assert np.array_equal(read.response, sequence.response())
+    assert decode(read, sequence).valid.all()

@@ -64,7 +64,12 @@ def test_bad_codings(build, message):
     [
         ({}, "columns, its rows, or both"),
         ({"columns": GRAY, "projector_width": 0}, "a projector's size must be positive"),
-        ({"columns": GRAY, "bit_depth": 14}, "a bit depth must be 8, 10, 12 or 16, got 14"),
+        (
+            {"columns": GRAY, "bit_depth": 17},
+            "a bit depth must be a whole number from 8 to 16, got 17",
+        ),
+        ({"columns": GRAY, "unused_frames": (3,)}, r"\[3\] are used more than once"),
+        ({"columns": GRAY, "saturation_level": 300}, "from 1 to 255, .* got 300"),
         ({"columns": GRAY, "white_frame": 9}, "given together or not at all"),
         (
             {"columns": AxisCoding(gray_code=GrayCode(frames=(0, 1, 2, 3)))},

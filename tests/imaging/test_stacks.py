@@ -1,5 +1,7 @@
 """Stack images: known fringes have known swings, and windows of dots what NumPy finds in them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,31 @@ def test_a_mean_of_the_finest_frames_is_rounded_to_the_nearest():
     stack = FrameStack(frames=frames)
     images = stack_images(stack, FRINGES, decode(stack, FRINGES), with_mean=False)
     assert images.mean is None
+
+
+def test_samples_that_saturate_are_full_scale_in_the_maximum():
+    stack = fringes()
+    brightest = int(stack.frames.max())
+    saturating = replace(stack, saturation_level=brightest)
+    sequence = replace(FRINGES, saturation_level=brightest)
+    images = stack_images(saturating, sequence, decode(saturating, sequence))
+    unclipped = stack.frames.max(axis=0)
+    clipped = unclipped == brightest
+    assert clipped.any()
+    assert (images.maximum == np.where(clipped, 255, unclipped)).all()
+
+
+def test_a_response_makes_stack_images_proportional_to_light():
+    linear = fringes(16)
+    sequence = replace(FRINGES, bit_depth=16, camera_gamma=2.2)
+    levels = np.rint(65535 * (linear.frames / 65535) ** (1 / 2.2)).astype(np.uint16)
+    bent = FrameStack(frames=levels, bit_depth=16, response=sequence.response())
+    images = stack_images(bent, sequence, decode(bent, sequence))
+    expected = stack_images(
+        linear, (plain := replace(FRINGES, bit_depth=16)), decode(linear, plain)
+    )
+    for name, image in images.images().items():
+        assert np.abs(image.astype(int) - expected.images()[name]).max() <= 3
 
 
 def test_a_swing_beyond_full_scale_is_full_scale():

@@ -11,7 +11,15 @@ from exposight.cell.capture import Capture, CaptureKey
 from exposight.cell.cloud import CLOUD_SUFFIXES, Cloud, read_cloud, write_cloud
 from exposight.cell.driver import Driver
 from exposight.cell.feature_files import read_features, write_features
-from exposight.cell.image import GREY_MAX, BitDepth, Image, check_levels, full_scale, png_bytes
+from exposight.cell.image import (
+    GREY_MAX,
+    BitDepth,
+    Image,
+    check_levels,
+    full_scale,
+    png_bytes,
+    right_aligned,
+)
 from exposight.cell.part import PAPER_TOLERANCE, RULES, Feature, FeatureKind, Part, RingTolerance
 from exposight.cell.sensor import (
     PRESETS,

@@ -57,7 +57,7 @@ class Capture:
         cloud without any point.
     camera_from_part : RigidTransform
         Where the part stood, as the cell reports it.
-    bit_depth : {8, 10, 12, 16}
+    bit_depth : int, 8 to 16
         Bits of the image: uint8 for 8, the low bits of uint16 for more.
     emulated : bool
         True where the exposure was computed from another one and not taken by a camera.

@@ -1,6 +1,6 @@
 """Grey images: bit depths, full scale, and the 8-bit scale on which brightness is given."""
 
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, cast, get_args
 
 import cv2
 import numpy as np
@@ -10,8 +10,8 @@ from exposight.errors import ImageError
 
 Image: TypeAlias = "NDArray[np.uint8] | NDArray[np.uint16]"
 
-BitDepth = Literal[8, 10, 12, 16]
-"""Bits of a grey level: 8 in uint8; 10 and 12 in the low bits of uint16."""
+BitDepth = Literal[8, 9, 10, 11, 12, 13, 14, 15, 16]
+"""Bits of a grey level: 8 in uint8, more in the low bits of uint16."""
 
 BIT_DEPTHS: tuple[int, ...] = get_args(BitDepth)
 
@@ -36,8 +36,10 @@ def full_scale(bit_depth: int) -> int:
         If there is no such bit depth.
     """
     if bit_depth not in BIT_DEPTHS:
-        *others, last = map(str, BIT_DEPTHS)
-        msg = f"a bit depth must be {', '.join(others)} or {last}, got {bit_depth}"
+        msg = (
+            f"a bit depth must be a whole number from {BIT_DEPTHS[0]} to {BIT_DEPTHS[-1]}, got "
+            f"{bit_depth}"
+        )
         raise ImageError(msg)
     return int(2**bit_depth) - 1
 
@@ -49,8 +51,8 @@ def check_levels(image: NDArray[Any], bit_depth: int, name: str) -> Image:
     ----------
     image : ndarray
         uint8 for 8 bits, uint16 for more, which use the low bits.
-    bit_depth : {8, 10, 12, 16}
-        Bits of a grey level.
+    bit_depth : int
+        Bits of a grey level, 8 to 16.
     name : str
         What it is, for messages.
 
@@ -64,17 +66,52 @@ def check_levels(image: NDArray[Any], bit_depth: int, name: str) -> Image:
     if image.dtype != expected:
         msg = (
             f"{name}: expected {bit_depth} bits in {expected}, got {image.dtype}; say its true bit "
-            f"depth ({', '.join(map(str, BIT_DEPTHS))}), or convert it"
+            f"depth ({BIT_DEPTHS[0]} to {BIT_DEPTHS[-1]}), or convert it"
         )
         raise ImageError(msg)
-    if bit_depth in {10, 12} and int(image.max()) > highest:
+    if 8 < bit_depth < 16 and int(image.max()) > highest:
         msg = (
             f"{name}: grey levels of {bit_depth} bits go up to {highest}, got {int(image.max())}; "
-            f"say 16 bits, or shift the values right by {16 - bit_depth} if the camera writes them "
-            "in the high bits"
+            "say the true bit depth, or, if the camera writes the high bits of 16, shift the "
+            f'values right by {16 - bit_depth} (of files: alignment "high")'
         )
         raise ImageError(msg)
     return image
+
+
+def right_aligned(image: NDArray[Any], bit_depth: int, name: str) -> Image:
+    """Return an image whose grey levels stand in the high bits of 16 with these in the low bits.
+
+    Parameters
+    ----------
+    image : ndarray of uint16
+        Its low bits are 0, or repeat the highest ones, as drivers fill them.
+    bit_depth : int
+        Bits of a grey level, 8 to 16.
+    name : str
+        What it is, for messages.
+
+    Raises
+    ------
+    ImageError
+        If it is not of 16 bits, or the low bits hold something else.
+    """
+    full_scale(bit_depth)  # refuses others
+    if image.dtype != np.uint16:
+        msg = f"{name}: grey levels in the high bits need an image of uint16, got {image.dtype}"
+        raise ImageError(msg)
+    low = image & np.uint16((1 << (16 - bit_depth)) - 1)
+    if low.any() and not np.array_equal(low, image >> np.uint16(bit_depth)):
+        used = int(np.bitwise_or.reduce(image, axis=None))
+        lowest = (used & -used).bit_length() - 1
+        msg = (
+            f"{name}: of {bit_depth} bits in the high bits of 16 the low {16 - bit_depth} are 0 or "
+            f"repeat the highest, but bit {lowest} is used here; say the true bit depth, or "
+            'alignment "low"'
+        )
+        raise ImageError(msg)
+    levels = image >> np.uint16(16 - bit_depth)
+    return cast("Image", levels.astype(np.uint8) if bit_depth == 8 else levels)
 
 
 def read_only(image: NDArray[Any], bit_depth: int, name: str) -> Image:

@@ -66,7 +66,7 @@ class StackImages:
         ----------
         shape : (int, int)
             Rows and columns that they must have.
-        bit_depth : {8, 10, 12, 16}
+        bit_depth : int, 8 to 16
             Their bits.
 
         Raises

@@ -7,7 +7,6 @@ from typing import Annotated, Literal, cast
 import numpy as np
 import polars as pl
 from cyclopts import Group, Parameter
-from numpy.typing import NDArray
 
 from exposight import cell
 from exposight.cli.app import UsageError
@@ -15,7 +14,7 @@ from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError
-from exposight.imaging import read_frames
+from exposight.imaging import Alignment, Channel, read_frames
 from exposight.observing import ObservationTable, observe_campaign
 from exposight.tables import Column, Table, count
 
@@ -41,6 +40,13 @@ class SingleCapture(PoseOptions):
         random dots.
     bit_depth
         Bit depth of the image (8 by default).
+    alignment
+        Which bits of 16 hold the grey level: low (by default) or high.
+    saturation_level
+        Grey level from which on the sensor saturates, where that is below full scale. Such pixels
+        are taken as full scale, so that they count as clipped.
+    channel
+        Which channel of a colour image is read.
     cloud
         Point cloud in the camera's frame.
     cloud_unit
@@ -56,6 +62,9 @@ class SingleCapture(PoseOptions):
     image: Path | None = None
     brightness_source: cell.BrightnessSource | None = None
     bit_depth: cell.BitDepth | None = None
+    alignment: Alignment | None = None
+    saturation_level: int | None = None
+    channel: Channel | None = None
     cloud: Path | None = None
     cloud_unit: Literal["mm", "cm", "m"] | None = None
     features: Path | None = None
@@ -88,11 +97,20 @@ class SingleCapture(PoseOptions):
         ):
             raise UsageError(self._missing())
         bit_depth = self.bit_depth or 8
-        frames = read_frames([self.image], bit_depth=bit_depth).frames
+        stack = read_frames(
+            [self.image],
+            bit_depth=bit_depth,
+            alignment=self.alignment or "low",
+            channel=self.channel,
+            saturation_level=self.saturation_level,
+        )
+        image = stack.frames[0]
+        if stack.clipping_level < stack.full_scale:
+            image = np.where(image < stack.clipping_level, image, stack.full_scale)
         capture = cell.Capture(
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
-            image=cast("NDArray[np.uint8] | NDArray[np.uint16]", frames[0]),
+            image=cast("cell.Image", image.astype(stack.frames.dtype)),
             cloud=cell.read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
             camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,

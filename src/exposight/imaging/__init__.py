@@ -2,7 +2,8 @@
 
 from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
 from exposight.imaging.decoding import decode, read_recording
-from exposight.imaging.frames import FrameStack, re_expose, read_frames
+from exposight.imaging.frame_files import Alignment, Channel, read_frames
+from exposight.imaging.frames import FrameStack, re_expose
 from exposight.imaging.merging import MergeRecord, merge_captures, merge_record
 from exposight.imaging.rectification import rectify
 from exposight.imaging.sequence_files import (

@@ -14,7 +14,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX, Image
 from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.imaging.decoded import (
@@ -26,7 +25,8 @@ from exposight.imaging.decoded import (
     DecodedMap,
     DecodingLimits,
 )
-from exposight.imaging.frames import FrameStack, read_frames
+from exposight.imaging.frame_files import read_frames
+from exposight.imaging.frames import FrameStack, Levels, Light
 from exposight.imaging.gray_code import decode_gray_code
 from exposight.imaging.sequences import AxisCoding, Fringe, PatternSequence
 
@@ -34,7 +34,7 @@ from exposight.imaging.sequences import AxisCoding, Fringe, PatternSequence
 def read_recording(
     folder: str | Path, sequence: PatternSequence, *, exposure_ms: float | None = None
 ) -> FrameStack:
-    """Read a folder's frames as a sequence describes them: pattern, number, bit depth.
+    """Read a folder's frames as a sequence describes them: files, number, grey levels.
 
     Parameters
     ----------
@@ -54,6 +54,10 @@ def read_recording(
         folder,
         pattern=sequence.file_pattern,
         bit_depth=sequence.bit_depth,
+        alignment=sequence.alignment,
+        channel=sequence.channel,
+        saturation_level=sequence.saturation_level,
+        response=sequence.response(),
         count=sequence.n_frames,
         exposure_ms=exposure_ms,
     )
@@ -76,7 +80,8 @@ def decode(
     Raises
     ------
     ImageError
-        If the stack has another number of frames or bit depth than the sequence says.
+        If the stack has another number of frames, bit depth, saturation level or response than the
+        sequence says.
     """
     if stack.n_frames != sequence.n_frames:
         msg = (
@@ -90,9 +95,20 @@ def decode(
             f"{stack.bit_depth}; say the same bit depth in both"
         )
         raise ImageError(msg)
+    for what, of_stack, of_sequence in (
+        ("saturation level", stack.saturation_level, sequence.saturation_level),
+        ("response of the camera", stack.response, sequence.response()),
+    ):
+        if not np.array_equal(of_stack, of_sequence):  # type: ignore[arg-type]
+            msg = (
+                f"the stack's {what} is another than that of sequence '{sequence.name}'; say the "
+                "same in both, as read_recording does"
+            )
+            raise ImageError(msg)
     limits = limits or DecodingLimits()
+    light = stack.light()
     maps = {
-        axis: _decode_axis(stack, sequence, coding, size, limits)
+        axis: _decode_axis(light, sequence, coding, size, limits)
         for axis, coding, size in sequence.axes()
     }
     columns, rows = maps.get("columns"), maps.get("rows")
@@ -110,7 +126,7 @@ def decode(
 
 
 def _decode_axis(
-    stack: FrameStack,
+    light: Light,
     sequence: PatternSequence,
     coding: AxisCoding,
     size: int,
@@ -123,21 +139,21 @@ def _decode_axis(
     fringes, gray_code = coding.fringes, coding.gray_code
     if gray_code is None:  # nothing is known before the first fringe
         coarse: NDArray[np.float64] = np.empty((0, 0))
-        modulation: NDArray[np.float32] = np.full(stack.image_shape, np.inf, dtype=np.float32)
-        flags: NDArray[np.uint8] = np.zeros(stack.image_shape, dtype=np.uint8)
+        modulation: NDArray[np.float32] = np.full(light.image_shape, np.inf, dtype=np.float32)
+        flags: NDArray[np.uint8] = np.zeros(light.image_shape, dtype=np.uint8)
     else:
         by_code = coarse, modulation, flags = decode_gray_code(
-            stack, sequence, gray_code, size, limits
+            light, sequence, gray_code, size, limits
         )
         if not fringes:
             return by_code
-    coordinate = np.empty(stack.image_shape)
+    coordinate = np.empty(light.image_shape)
     steps, periods_px = _unwrapping_steps(fringes, size, has_gray_code=gray_code is not None)
     solvers = [_solver(fringe.shifts_deg) for fringe in fringes]
     # A whole number of periods repeats at the border: there, −ε and W − ε look alike.
     cyclic = coarse.size == 0 and all(float(fringe.periods).is_integer() for fringe in fringes)
     _unwrap(
-        stack.frames,
+        light.frames,
         np.concatenate([fringe.frames for fringe in fringes]).astype(np.int64),
         np.cumsum([0, *(len(fringe.frames) for fringe in fringes)]),
         np.concatenate([solver[1] for solver in solvers]),
@@ -147,8 +163,8 @@ def _decode_axis(
         coarse,
         size,
         cyclic,
-        stack.full_scale,
-        GREY_MAX / stack.full_scale,
+        light.clips_at,
+        light.scale,
         limits.min_modulation,
         limits.max_residual,
         coordinate,
@@ -209,7 +225,7 @@ def _unwrap_pixel(
 
 @njit(parallel=True, error_model="numpy")
 def _unwrap(
-    frames: Image,
+    frames: Levels,
     frame: NDArray[np.int64],
     first: NDArray[np.int64],
     to_cosine: NDArray[np.float64],
@@ -219,7 +235,7 @@ def _unwrap(
     coarse: NDArray[np.float64],
     size: int,
     cyclic: bool,
-    full_scale: int,
+    clips_at: float,
     scale: float,
     min_modulation: float,
     max_residual: float,
@@ -242,7 +258,7 @@ def _unwrap(
                     sample = frames[frame[k], r, c]
                     cosine[i] += to_cosine[k] * sample
                     sine[i] += to_sine[k] * sample
-                    if sample >= full_scale:
+                    if sample >= clips_at:
                         flag |= CLIPPED
                 amplitude = np.sqrt(cosine[i] * cosine[i] + sine[i] * sine[i]) * scale
                 weakest = min(weakest, amplitude)

@@ -10,7 +10,6 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX, Image
 from exposight.compiled import njit
 from exposight.imaging.decoded import (
     AMBIGUOUS,
@@ -20,12 +19,12 @@ from exposight.imaging.decoded import (
     AxisMap,
     DecodingLimits,
 )
-from exposight.imaging.frames import FrameStack
+from exposight.imaging.frames import Levels, Light
 from exposight.imaging.sequences import GrayCode, PatternSequence
 
 
 def decode_gray_code(
-    stack: FrameStack,
+    light: Light,
     sequence: PatternSequence,
     gray_code: GrayCode,
     size: int,
@@ -39,7 +38,7 @@ def decode_gray_code(
 
     Parameters
     ----------
-    stack : FrameStack
+    light : Light
         All frames of the recording.
     sequence : PatternSequence
         What they show.
@@ -59,18 +58,18 @@ def decode_gray_code(
     inverses = np.array(gray_code.inverse_frames, dtype=np.int64)
     white = -1 if sequence.white_frame is None else sequence.white_frame
     black = -1 if sequence.black_frame is None else sequence.black_frame
-    frames = stack.frames
-    code = np.empty(stack.image_shape, dtype=np.int32)
-    modulation = np.empty(stack.image_shape, dtype=np.float32)
-    flags = np.empty(stack.image_shape, dtype=np.uint8)
+    frames = light.frames
+    code = np.empty(light.image_shape, dtype=np.int32)
+    modulation = np.empty(light.image_shape, dtype=np.float32)
+    flags = np.empty(light.image_shape, dtype=np.uint8)
     _read_codes(
         frames,
         bits,
         inverses,
         white,
         black,
-        stack.full_scale,
-        GREY_MAX / stack.full_scale,
+        light.clips_at,
+        light.scale,
         limits.min_modulation,
         limits.min_bit_contrast,
         (size - 1) // gray_code.code_width,
@@ -78,7 +77,7 @@ def decode_gray_code(
         modulation,
         flags,
     )
-    coordinate = np.empty(stack.image_shape)
+    coordinate = np.empty(light.image_shape)
     width = gray_code.code_width
     if _steps(code, 1) >= _steps(code, 0):
         _locate(frames, bits, inverses, white, black, code, width, coordinate)
@@ -109,7 +108,7 @@ def _count_steps(first: NDArray[np.int32], second: NDArray[np.int32]) -> int:
 
 @njit(inline="always")
 def _signal(
-    frames: Image,
+    frames: Levels,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,
@@ -127,12 +126,12 @@ def _signal(
 
 @njit(parallel=True)
 def _read_codes(
-    frames: Image,
+    frames: Levels,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,
     black: int,
-    full_scale: int,
+    clips_at: float,
     scale: float,
     min_modulation: float,
     min_bit_contrast: float,
@@ -150,14 +149,14 @@ def _read_codes(
             contrast = 0.0
             if white >= 0:
                 contrast = float(frames[white, r, c]) - float(frames[black, r, c])
-                if frames[white, r, c] >= full_scale:
+                if frames[white, r, c] >= clips_at:
                     flag |= CLIPPED
             for b in range(n_bits):
                 signals[b] = _signal(frames, bits, inverses, white, black, b, r, c)
                 if white < 0:
                     contrast = max(contrast, abs(signals[b]))
-                if frames[bits[b], r, c] >= full_scale or (
-                    inverses.size > 0 and frames[inverses[b], r, c] >= full_scale
+                if frames[bits[b], r, c] >= clips_at or (
+                    inverses.size > 0 and frames[inverses[b], r, c] >= clips_at
                 ):
                     flag |= CLIPPED
             modulation[r, c] = max(0.0, 0.5 * contrast * scale)
@@ -183,7 +182,7 @@ def _read_codes(
 
 @njit(parallel=True, error_model="numpy")
 def _locate(
-    frames: Image,
+    frames: Levels,
     bits: NDArray[np.int64],
     inverses: NDArray[np.int64],
     white: int,

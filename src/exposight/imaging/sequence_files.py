@@ -5,7 +5,7 @@
     name = "my sensor"
     projector_width = 1824
     projector_height = 1140
-    bit_depth = 8                  # 8, 10, 12 or 16
+    bit_depth = 8                  # 8 to 16
     file_pattern = "*.png"
     white_frame = 0                # both or neither
     black_frame = 1
@@ -23,8 +23,8 @@
 
 import json
 import tomllib
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Collection, Mapping
+from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 
@@ -161,14 +161,7 @@ def sequence_to_toml(sequence: PatternSequence) -> str:
     sequence : PatternSequence
         What the frames of a recording mean.
     """
-    lines = [
-        f"{name} = {_toml_value(getattr(sequence, name))}"
-        for name in (
-            *("name", "projector_width", "projector_height", "bit_depth", "file_pattern"),
-            *("white_frame", "black_frame"),
-        )
-        if getattr(sequence, name) is not None
-    ]
+    lines = _toml_keys(sequence, without=("columns", "rows"))
     for axis, coding, _ in sequence.axes():
         if coding.gray_code is not None:
             lines += ["", f"[{axis}.gray_code]", *_toml_keys(coding.gray_code)]
@@ -177,8 +170,13 @@ def sequence_to_toml(sequence: PatternSequence) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _toml_keys(coding: GrayCode | Fringe) -> list[str]:
-    return [f"{name} = {_toml_value(value)}" for name, value in asdict(coding).items()]
+def _toml_keys(of: PatternSequence | GrayCode | Fringe, without: Collection[str] = ()) -> list[str]:
+    """Return a line for each field that is not as it is by default."""
+    return [
+        f"{field.name} = {_toml_value(getattr(of, field.name))}"
+        for field in fields(of)
+        if field.name not in without and getattr(of, field.name) != field.default
+    ]
 
 
 def _toml_value(value: object) -> str:

@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from exposight.cell import BitDepth, full_scale
+from exposight.cell import BitDepth
 from exposight.errors import ImageError
+from exposight.imaging.frame_files import Alignment, Channel
+from exposight.imaging.frames import check_saturation_level
+from exposight.imaging.response import light_of_levels
 
 _MAX_BITS = 16
 
@@ -184,8 +187,20 @@ class PatternSequence:
         How projector columns (u) and rows (v) are coded; at least one of them is.
     white_frame, black_frame : int, optional
         Fully lit and unlit frame; both or neither. Gray code without inverse frames needs them.
-    bit_depth : 8, 10, 12 or 16
+    unused_frames : tuple of int
+        Frames of the folder without a meaning.
+    bit_depth : int, 8 to 16
         Of the recorded frames.
+    alignment : {"low", "high"}
+        Which bits of the files' samples hold the grey level (`read_frames`).
+    channel : {"red", "green", "blue"}, optional
+        Which channel of colour images is read.
+    saturation_level : int, optional
+        Grey level from which on a sample counts as clipped; full scale by default.
+    camera_response : tuple of (float, float)
+        Grey level and relative light of the camera, pair by pair (`light_of_levels`).
+    camera_gamma : float, optional
+        In place of that: light is the grey level to this power.
     file_pattern : str
         Which files of the recording's folder are its frames.
 
@@ -202,11 +217,18 @@ class PatternSequence:
     rows: AxisCoding | None = None
     white_frame: _Frame | None = None
     black_frame: _Frame | None = None
+    unused_frames: tuple[_Frame, ...] = ()
     bit_depth: BitDepth = 8
+    alignment: Alignment = "low"
+    channel: Channel | None = None
+    saturation_level: int | None = None
+    camera_response: tuple[tuple[float, float], ...] = ()
+    camera_gamma: float | None = None
     file_pattern: str = "*.png"
 
     def __post_init__(self) -> None:
-        full_scale(self.bit_depth)  # refuses others
+        check_saturation_level(self.saturation_level, self.bit_depth)
+        self.response()  # refuses what is none
         for fault in self._faults():
             raise ImageError(fault)
 
@@ -253,7 +275,12 @@ class PatternSequence:
 
     def _used_frames(self) -> list[int]:
         used = [frame for _, coding, _ in self.axes() for frame in coding.frames]
-        return used + [f for f in (self.white_frame, self.black_frame) if f is not None]
+        lit = [f for f in (self.white_frame, self.black_frame) if f is not None]
+        return [*used, *lit, *self.unused_frames]
+
+    def response(self) -> NDArray[np.float64] | None:
+        """Return the light of each grey level, (2**bit_depth,), or None where they are light."""
+        return light_of_levels(self.bit_depth, pairs=self.camera_response, gamma=self.camera_gamma)
 
     def axes(self) -> list[tuple[str, AxisCoding, int]]:
         """Return name, coding and length in px of every coded projector axis."""

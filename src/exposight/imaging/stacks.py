@@ -18,6 +18,8 @@ from exposight.imaging.stereo import StereoLimits
 def mean_image(stack: FrameStack, sequence: PatternSequence) -> Image:
     """Return the mean of the finest pattern's frames, rounded: brightness without the pattern.
 
+    Of a stack with a response it is the mean light, on the scale of grey levels.
+
     Parameters
     ----------
     stack : FrameStack
@@ -25,6 +27,9 @@ def mean_image(stack: FrameStack, sequence: PatternSequence) -> Image:
     sequence : PatternSequence
         What its frames mean.
     """
+    if stack.response is not None:
+        light = stack.response[stack.frames[list(sequence.finest_frames)]].mean(axis=0)
+        return cast("Image", np.rint(light).astype(stack.frames.dtype))
     first, *others = sequence.finest_frames
     total = stack.frames[first].astype(np.uint16 if stack.bit_depth == 8 else np.uint32)
     for frame in others:
@@ -59,9 +64,15 @@ def stack_images(
     per_amplitude = np.float32(2.0 * stack.full_scale / GREY_MAX)
     swing: NDArray[np.float32] = decoded.modulation * per_amplitude
     np.minimum(np.rint(swing, out=swing), np.float32(stack.full_scale), out=swing)
+    maximum = stack.frames.max(axis=0)
+    if stack.clipping_level < stack.full_scale or stack.response is not None:
+        light = np.arange(stack.full_scale + 1.0) if stack.response is None else stack.response
+        table = np.rint(light).astype(maximum.dtype)
+        table[stack.clipping_level :] = stack.full_scale  # where whoever reads it takes it to clip
+        maximum = table[maximum]
     return StackImages(
         mean=mean_image(stack, sequence) if with_mean else None,
-        maximum=stack.frames.max(axis=0),
+        maximum=cast("Image", maximum),
         modulation=cast("Image", swing.astype(stack.frames.dtype)),
         min_modulation=(limits or DecodingLimits()).min_modulation,
     )

@@ -45,7 +45,7 @@ class CameraElectronics:
         Electrons that bring a pixel from its black level to where it clips.
     black_level : float, grey levels 0–255
         Grey level without light; scaled with the bit depth.
-    bit_depth : 8, 10, 12 or 16
+    bit_depth : int, 8 to 16
         Of its grey levels.
     read_noise_e : float, e⁻
         σ_read.
