@@ -5,7 +5,7 @@ from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frame_files import Alignment, Channel, read_frames
 from exposight.imaging.frames import FrameStack, re_expose
 from exposight.imaging.merging import MergeRecord, merge_captures, merge_record
-from exposight.imaging.rectification import rectify
+from exposight.imaging.rectification import RectifiedPair, rectify
 from exposight.imaging.sequence_files import (
     SEQUENCE_PRESETS,
     read_sequence,
@@ -15,4 +15,6 @@ from exposight.imaging.sequence_files import (
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
 from exposight.imaging.stacks import mean_image, stack_images, window_images
 from exposight.imaging.stereo import StereoLimits, match_pair
+from exposight.imaging.stereo_codes import match_codes, stereo_by_codes
+from exposight.imaging.stereo_match import MatchOutcome, StereoMatch
 from exposight.imaging.triangulation import depth_noise_mm, triangulate

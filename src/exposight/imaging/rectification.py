@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.errors import SensorError
+from exposight.errors import ImageError, SensorError
 from exposight.geometry import PinholeCamera, RigidTransform
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
@@ -65,6 +65,34 @@ class RectifiedPair:
             _pixel_map(self.camera, self.first, self.rectified_from_first),
             _pixel_map(self.camera, self.second, self.rectified_from_second),
         )
+
+    def second_pixels(self) -> NDArray[np.float32]:
+        """Return where (2, rows, columns) the second camera sees the rectified pixels, in px."""
+        pixels = self._pixel_maps[1]
+        if pixels is None:
+            columns, rows = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
+            return np.stack([columns, rows]).astype(np.float32)
+        return pixels
+
+    def disparity_range(self, depth_limits_mm: tuple[float, float]) -> tuple[float, float]:
+        """Return the least and the greatest disparity in px between two depths.
+
+        Parameters
+        ----------
+        depth_limits_mm : (float, float), mm
+            Nearest and farthest Z in the first camera's frame.
+
+        Raises
+        ------
+        ImageError
+            Unless 0 < near < far.
+        """
+        near_mm, far_mm = depth_limits_mm
+        if not 0 < near_mm < far_mm < math.inf:
+            msg = f"stereo matching needs 0 < near < far in mm, got {near_mm} and {far_mm}"
+            raise ImageError(msg)
+        least, greatest = self.depth_scale()
+        return self.disparity_px(far_mm * greatest), self.disparity_px(near_mm * least)
 
     def depth_scale(self) -> tuple[float, float]:
         """Return the least and the greatest rectified depth at Z = 1 of the first camera's rays."""
