@@ -1,0 +1,397 @@
+"""Steps of a shifted fringe: against the sinusoid that they are to sample, and against a coordinate.
+
+N steps I_k = A + B·cos(φ − δ_k) have three unknowns a pixel. From four steps on, what is left over
+tells gamma, flicker, swapped frames and motion. Three steps leave nothing over; but there the
+harmonic that gamma adds, q·B·cos 2(φ − δ_k), appears as a modulation that varies with 3φ:
+|e^{iφ} + q·e^{−2iφ}| = √(1 + q² + 2q·cos 3φ), and one brighter frame as a mean that varies with φ.
+
+For light (½ + ½·cos φ)^γ the second harmonic is q = (γ − 1)/(γ + 2) of the first.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.contradictions.contradiction import Contradiction
+
+_Array = NDArray[np.float64]
+
+# Fewer pixels tell nothing for certain; more than this many add time and no certainty.
+_LEAST_PIXELS, _MOST_PIXELS = 1_000, 20_000
+
+
+class Steps(NamedTuple):
+    """Samples of one shifted fringe along lines of pixels.
+
+    Parameters
+    ----------
+    samples : (n, lines, length) ndarray, grey levels
+    usable : (lines, length) ndarray of bool
+        Pixels that the fringe lights well and that no sample clips.
+    shifts_deg : (n,) degrees
+    frames : (n,) int
+        Their numbers, for messages.
+    periods : float
+        Periods across the projector.
+    size : int, px
+        Length of the projector along this axis.
+    name : str
+        What messages call the fringe.
+    """
+
+    samples: _Array
+    usable: NDArray[np.bool_]
+    shifts_deg: Sequence[float]
+    frames: Sequence[int]
+    periods: float
+    size: int
+    name: str
+
+
+class _Fit(NamedTuple):
+    """Least-squares sinusoid of every pixel: (p,) mean, amplitude and phase; (n, p) residual."""
+
+    mean: _Array
+    amplitude: _Array
+    phase: _Array
+    residual: _Array
+    leftover: _Array
+    """(n, n) projector onto what three unknowns cannot fit."""
+
+
+def _fit(samples: _Array, shifts_deg: Sequence[float]) -> _Fit:
+    shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
+    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
+    inverse = np.linalg.pinv(design)
+    mean, cosine, sine = inverse @ samples
+    leftover = np.eye(len(shifts)) - design @ inverse
+    return _Fit(
+        mean, np.hypot(cosine, sine), np.arctan2(sine, cosine), leftover @ samples, leftover
+    )
+
+
+def check_steps(steps: Steps) -> Iterator[Contradiction]:
+    """Hold the steps of a fringe against the sinusoid that they sample.
+
+    Parameters
+    ----------
+    steps : Steps
+        Samples of one fringe.
+
+    Yields
+    ------
+    Contradiction
+        ``fringe-steps``: an error where frames are swapped or the phase is wrong by more than a
+        projector pixel, else a warning.
+    """
+    where = np.flatnonzero(steps.usable)
+    if where.size < _LEAST_PIXELS:
+        return
+    where = where[:: math.ceil(where.size / _MOST_PIXELS)]
+    samples = steps.samples.reshape(len(steps.samples), -1)[:, where]
+    found = _three(samples, steps) if len(samples) == 3 else _more(samples, steps)
+    if found is not None:
+        yield found
+
+
+def _more(samples: _Array, steps: Steps) -> Contradiction | None:
+    """Explain what four steps and more leave over."""
+    fit = _fit(samples, steps.shifts_deg)
+    n = len(samples)
+    left = float(np.sum(fit.residual**2))
+    modulation = float(np.sqrt(np.mean(fit.amplitude**2)))
+    rms = math.sqrt(left / (samples.shape[1] * (n - 3))) / modulation
+    if rms > 0.1:
+        swap, smaller = _best_swap(samples, steps.shifts_deg)
+        # With the right order noise is left over: less than half of what a swap leaves.
+        if smaller < 0.25 * left:
+            first, second = (steps.frames[i] for i in swap)
+            return _contradiction(
+                steps,
+                f"{100 * rms:.0f} % of their amplitude is left over",
+                f"frames {first} and {second} fit when they change places",
+                is_error=True,
+            )
+    angles = fit.phase[None] - np.radians(np.asarray(steps.shifts_deg))[:, None]
+    second_harmonic = fit.leftover @ (fit.amplitude * np.cos(2 * angles))
+    q, by_gamma = _regression(fit.residual, second_harmonic)
+    gains = [_regression(fit.residual, np.outer(fit.leftover[:, k], samples[k])) for k in range(n)]
+    flickering = max(range(n), key=lambda k: gains[k][1])
+    gain, by_flicker = gains[flickering]
+    # A harmonic of 3 % and a frame 2 % brighter are the least that matter: of 64 px, they shift
+    # four steps by up to 0.1 px. What is left over of noise alone is explained to less than 1 %.
+    if by_gamma > by_flicker and by_gamma > 0.2 and abs(q) > 0.03:
+        return _gamma(steps, q, 0.0 if n > 3 else abs(q), f"{100 * rms:.1f} %")
+    if by_flicker > 0.2 and abs(gain) > 0.02:
+        return _flicker(steps, flickering, gain, float(fit.mean.mean()) / modulation)
+    return _unexplained(steps)
+
+
+def _best_swap(samples: _Array, shifts_deg: Sequence[float]) -> tuple[tuple[int, int], float]:
+    """Return the two steps whose exchange leaves least, and how much (sum of squares)."""
+    thin = samples[:, :: max(1, samples.shape[1] // 4_000)]
+    scale = samples.shape[1] / thin.shape[1]
+
+    def left(pair: tuple[int, int]) -> float:
+        order = list(range(len(samples)))
+        order[pair[0]], order[pair[1]] = pair[1], pair[0]
+        return float(np.sum(_fit(thin[order], shifts_deg).residual ** 2)) * scale
+
+    return min(((pair, left(pair)) for pair in combinations(range(len(samples)), 2)), key=_second)
+
+
+def _second(item: tuple[tuple[int, int], float]) -> float:
+    return item[1]
+
+
+def _regression(values: _Array, basis: _Array) -> tuple[float, float]:
+    """Return the factor of `basis` that fits `values` best, and the share of squares it explains.
+
+    Both are tried pixel by pixel; a basis of nothing explains nothing.
+    """
+    squares = float(np.sum(basis**2))
+    total = float(np.sum(values**2))
+    if squares <= 1e-12 * total or total <= 0:
+        return 0.0, 0.0
+    product = float(np.sum(values * basis))
+    return product / squares, product**2 / squares / total
+
+
+def _three(samples: _Array, steps: Steps) -> Contradiction | None:
+    """Find gamma and flicker in three steps, from modulation and mean that follow the phase."""
+    fit = _fit(samples, steps.shifts_deg)
+    # Few periods: light and shade of the scene would be taken for modulation.
+    turns = steps.periods * _covered(fit.phase)
+    if turns < 6 or not _equal_steps(steps.shifts_deg):
+        return None
+    contrast = fit.amplitude / np.maximum(fit.mean, 1.0)
+    bins = (fit.phase * (24 / (2 * np.pi)) % 24).astype(np.intp)
+    count = np.bincount(bins, minlength=24)
+    if count.min() < 20:
+        return None
+    middle = np.array([np.median(contrast[bins == each]) for each in range(24)])
+    triple = np.exp(-3j * (np.arange(24) + 0.5) * (2 * np.pi / 24))
+    by_modulation = 2 * complex(np.mean(middle * triple)) / float(middle.mean())
+    crowding = complex(np.mean(np.exp(-3j * fit.phase)))
+    by_density = 2 / 3 * crowding
+    q = by_modulation.real
+    # Both tell the same harmonic in phase with the fringe; else it is the scene.
+    if abs(q) > 0.05 and by_density.real * q > 0 and abs(by_density) > 0.3 * abs(q):
+        return _gamma(steps, q, abs(q), f"modulation varies by ±{100 * abs(q):.0f} % with 3φ")
+    return None
+
+
+def _equal_steps(shifts_deg: Sequence[float]) -> bool:
+    total = np.exp(1j * np.radians(np.asarray(shifts_deg))).sum()
+    return bool(abs(total) < 1e-6)
+
+
+def _covered(phase: _Array) -> float:
+    """Return the share of a period's phases that occur, 0 to 1."""
+    return float(np.mean(np.histogram(phase, bins=24, range=(-np.pi, np.pi))[0] > 0))
+
+
+def _gamma(steps: Steps, q: float, phase_error: float, figure: str) -> Contradiction:
+    gamma = (1 + 2 * q) / (1 - q)
+    error_px = phase_error / (2 * np.pi) * steps.size / steps.periods
+    found = f"the steps are no sinusoid: {figure}, a second harmonic of {100 * q:.0f} %"
+    found += (
+        f", which shifts the coordinate by up to {error_px:.1f} projector px"
+        if error_px
+        else ", which four steps and more cancel in the phase"
+    )
+    return _contradiction(
+        steps,
+        found,
+        f"light of gamma {gamma:.1f} looks so: let the projector show grey linearly, say its gamma,"
+        " or take more steps",
+        is_error=error_px > 1.0,
+    )
+
+
+def _flicker(steps: Steps, step: int, gain: float, mean_over_amplitude: float) -> Contradiction:
+    error = abs(gain) * (mean_over_amplitude + 1) * 2 / len(steps.frames)
+    error_px = error / (2 * np.pi) * steps.size / steps.periods
+    return _contradiction(
+        steps,
+        f"frame {steps.frames[step]} is {100 * abs(gain):.0f} % "
+        f"{'brighter' if gain > 0 else 'darker'} as a whole than the others, which shifts the "
+        f"coordinate by up to {error_px:.1f} projector px",
+        "the light flickers or was not steady: expose for whole periods of the mains and of the "
+        "projector",
+        is_error=error_px > 1.0,
+    )
+
+
+def _unexplained(steps: Steps) -> Contradiction | None:
+    """Report what is left over alike in neighbouring pixels, and so is no noise."""
+    fit = _fit(steps.samples.reshape(len(steps.samples), -1), steps.shifts_deg)
+    residual = fit.residual.reshape(steps.samples.shape)
+    pairs = steps.usable[:, 1:] & steps.usable[:, :-1]
+    amplitude = fit.amplitude.reshape(steps.usable.shape)[:, 1:][pairs]
+    alike = (residual[:, :, 1:] * residual[:, :, :-1])[:, pairs].sum() / (len(residual) - 3)
+    share = math.sqrt(max(alike, 0.0) / float(np.sum(amplitude**2)))
+    if share < 0.1:
+        return None
+    return _contradiction(
+        steps,
+        f"{100 * share:.0f} % of their amplitude is left over, alike in neighbouring pixels",
+        "the part or the sensor moved, frames are of other fringes, or the steps are not those "
+        "said: check frames and shifts_deg",
+        is_error=share > 0.3,
+    )
+
+
+def _contradiction(
+    steps: Steps, found: str, explanation: str, *, is_error: bool
+) -> Contradiction:
+    frames = ", ".join(map(str, steps.frames))
+    return Contradiction(
+        check="fringe-steps",
+        compared=f"{len(steps.frames)} steps of {steps.name} (frames {frames}) and a sinusoid",
+        found=found,
+        explanation=explanation,
+        is_error=is_error,
+    )
+
+
+class Relation(NamedTuple):
+    """How a fringe's phase follows a coordinate: coherence 0–1 and offset in periods."""
+
+    coherence: float
+    offset: float
+    periods: float
+
+
+def relation(coordinate: _Array, phase: _Array, periods: float, size: int) -> Relation:
+    """Return how well a phase is ``periods``·coordinate/size plus an offset.
+
+    Parameters
+    ----------
+    coordinate : (p,) ndarray, px
+    phase : (p,) ndarray, periods
+    periods : float
+        Periods across `size`; negative where the phase falls.
+    size : int, px
+    """
+    mean = complex(np.mean(np.exp(2j * np.pi * (phase - coordinate * (periods / size)))))
+    return Relation(abs(mean), float(np.angle(mean)) / (2 * np.pi), periods)
+
+
+def best_relation(coordinate: _Array, phase: _Array, periods: float, size: int) -> Relation:
+    """Return the number of periods, rising or falling, with which a phase follows a coordinate.
+
+    The mean of e^{iφ} along the coordinate is a wave; its Fourier transform has a peak there.
+
+    Parameters
+    ----------
+    coordinate, phase, size
+        As `relation`.
+    periods : float
+        The number that is expected; up to four times as many are looked for.
+    """
+    bins = int(max(64, 8 * abs(periods)))
+    at = np.clip((coordinate + 0.5) * (bins / size), 0, bins - 1).astype(np.intp)
+    wave = np.exp(2j * np.pi * phase)
+    count = np.maximum(np.bincount(at, minlength=bins), 1)
+    mean = (
+        np.bincount(at, wave.real, minlength=bins) + 1j * np.bincount(at, wave.imag, minlength=bins)
+    ) / count
+    spectrum = np.fft.fft(mean, 4 * bins)
+    peak = int(np.abs(spectrum).argmax())
+    rough = (peak if peak < 2 * bins else peak - 4 * bins) / 4
+    near = [relation(coordinate, phase, rough + d, size) for d in np.linspace(-0.5, 0.5, 21)]
+    return max([*near, relation(coordinate, phase, -periods, size)])
+
+
+def check_phase(
+    coordinate: _Array, phase: _Array, steps: Steps, reference: str, *, exact: bool
+) -> Contradiction | None:
+    """Hold a fringe's phase against a coordinate that is known without it.
+
+    Parameters
+    ----------
+    coordinate : (p,) ndarray, px
+        Of the pixels where both are known.
+    phase : (p,) ndarray, periods
+        Of the same pixels.
+    steps : Steps
+        The fringe.
+    reference : str
+        Where the coordinate comes from, for the message.
+    exact : bool
+        True where the coordinate is certain to a small part of a period, so that no relation at
+        all is an error; a coarser fringe's noise may hide it.
+
+    Returns
+    -------
+    Contradiction or None
+        ``fringe-order``.
+    """
+    if coordinate.size < _LEAST_PIXELS:
+        return None
+    thin = slice(None, None, math.ceil(coordinate.size / _MOST_PIXELS))
+    coordinate, phase = coordinate[thin], phase[thin]
+    said = relation(coordinate, phase, steps.periods, steps.size)
+    period_px = steps.size / steps.periods
+    # Where all is right the coherence is 0.9 and more (least seen: foam, 0.93) and the offset
+    # below 0.03 periods. From 0.25 periods on, orders are wrong where the code is uncertain too.
+    if said.coherence > 0.5:
+        if abs(said.offset) < 0.1:
+            return None
+        found = f"the phase is ahead by {said.offset:+.2f} periods ({said.offset * period_px:+.1f} px)"
+        moved = _shifts(steps, 1, said.offset)
+        explanation = (
+            f"an offset of the code of {-said.offset * period_px:.0f} px (or that and whole "
+            f"periods of {period_px:g} px) explains it, or steps of shifts_deg = {moved}"
+        )
+        return _phase_contradiction(
+            steps, reference, found, explanation, is_error=abs(said.offset) > 0.2
+        )
+    other = best_relation(coordinate, phase, steps.periods, steps.size)
+    found = f"the phase follows it with a coherence of {said.coherence:.2f} (1 is perfect)"
+    if other.coherence > 0.5:
+        turned = abs(other.periods + steps.periods) < max(1.0, 0.05 * steps.periods)
+        if turned:
+            again = relation(coordinate, phase, -steps.periods, steps.size)
+            explanation = (
+                "the steps run the other way: reversed = true, or shifts_deg = "
+                f"{_shifts(steps, -1, again.offset)}"
+            )
+        else:
+            explanation = (
+                f"{abs(other.periods):.3g} periods{' that run the other way' * (other.periods < 0)}"
+                f" fit (coherence {other.coherence:.2f}), {steps.periods:g} are said"
+            )
+        return _phase_contradiction(steps, reference, found, explanation, is_error=True)
+    return _phase_contradiction(
+        steps,
+        reference,
+        found,
+        "they do not belong together: check which frames are which, the number of periods and the "
+        "width of a code",
+        is_error=exact and said.coherence < 0.2,
+    )
+
+
+def _shifts(steps: Steps, sign: int, offset: float) -> list[float]:
+    """Return shifts with which the phase, whose sign is turned for −1, has no such offset."""
+    offset_deg = 0.0 if abs(offset) < 0.1 else 360.0 * offset
+    turned = [sign * (shift - offset_deg) for shift in steps.shifts_deg]
+    return [round((each + 180.0) % 360.0 - 180.0) + 0.0 for each in turned]
+
+
+def _phase_contradiction(
+    steps: Steps, reference: str, found: str, explanation: str, *, is_error: bool
+) -> Contradiction:
+    return Contradiction(
+        check="fringe-order",
+        compared=f"phase of {steps.name} and {reference}",
+        found=found,
+        explanation=explanation,
+        is_error=is_error,
+    )

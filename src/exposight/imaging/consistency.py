@@ -1,0 +1,200 @@
+"""What a recording's frames say twice: assembled here, held against each other in `contradictions`.
+
+Everything is looked at along pairs of adjacent rows or columns of the image, evenly spread.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.cell import GREY_MAX
+from exposight.contradictions import Contradiction
+from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
+from exposight.contradictions.greys import check_greys
+from exposight.contradictions.steps import Steps, check_phase, check_steps
+from exposight.imaging.decoded import DecodingLimits
+from exposight.imaging.frames import FrameStack
+from exposight.imaging.gray_code import decode_gray_code
+from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+
+FRAME_CHECKS = (
+    "saturation-spike",
+    "grey-levels",
+    "mosaic",
+    "neighbouring-codes",
+    "code-range",
+    "fringe-steps",
+    "fringe-order",
+)
+"""Names of the checks of frames; see ``docs/contradictions.md``."""
+
+# Pixels of a frame that are looked at: of 4 megapixels every 64th pair of lines.
+_SAMPLED_PIXELS = 65_536
+
+
+def frame_contradictions(
+    stack: FrameStack, sequence: PatternSequence, limits: DecodingLimits
+) -> Iterator[Contradiction]:
+    """Hold a recording's frames against what its sequence says of them.
+
+    Parameters
+    ----------
+    stack : FrameStack
+        The recording.
+    sequence : PatternSequence
+        What its frames mean.
+    limits : DecodingLimits
+        When a pixel counts as decoded.
+
+    Yields
+    ------
+    Contradiction
+        Of the names in `FRAME_CHECKS`.
+    """
+    yield from check_greys(stack.frames, stack.full_scale, scaled=stack.emulated)
+    lines = (_lines(stack, vertical=False), _lines(stack, vertical=True))
+    for axis, coding, size in sequence.axes():
+        along = max(lines, key=lambda each: _changes(each, sequence, coding, limits))
+        yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
+
+
+def _lines(stack: FrameStack, *, vertical: bool) -> FrameStack:
+    """Return pairs of adjacent rows, or of columns turned to rows, as a stack of their own."""
+    frames = stack.frames.transpose(0, 2, 1) if vertical else stack.frames
+    _, rows, columns = frames.shape
+    pairs = max(1, rows // 2)
+    step = max(1, math.ceil(2 * pairs * columns / _SAMPLED_PIXELS))
+    first = 2 * np.arange(min(step // 2, pairs - 1), pairs, step)
+    chosen = np.stack([first, np.minimum(first + 1, rows - 1)], axis=1).ravel()
+    return FrameStack(
+        frames=np.ascontiguousarray(frames[:, chosen]),
+        bit_depth=stack.bit_depth,
+        exposure_ms=stack.exposure_ms,
+        emulated=stack.emulated,
+    )
+
+
+def _changes(
+    lines: FrameStack, sequence: PatternSequence, coding: AxisCoding, limits: DecodingLimits
+) -> float:
+    """Return by how much the axis' finest pattern changes from pixel to pixel along the lines."""
+    if coding.fringes:
+        fringe = coding.fringes[-1]
+        wave = np.exp(2j * np.pi * _phase(lines, fringe)[0])
+        usable = _usable(lines, fringe, limits)
+        both = usable[:, 1:] & usable[:, :-1]
+        steps = np.abs(wave[:, 1:] - wave[:, :-1])[both]
+        return float(np.median(steps)) if steps.size else 0.0
+    if coding.gray_code is None:
+        return 0.0
+    words = _words(lines, sequence, coding.gray_code, limits)
+    both = (words[:, 1:] >= 0) & (words[:, :-1] >= 0)
+    return float(np.mean((words[:, 1:] != words[:, :-1])[both])) if both.any() else 0.0
+
+
+def _axis_contradictions(
+    lines: FrameStack,
+    sequence: PatternSequence,
+    coding: AxisCoding,
+    axis: str,
+    size: int,
+    limits: DecodingLimits,
+) -> Iterator[Contradiction]:
+    coordinate: NDArray[np.float64] | None = None
+    reference, exact = "", True
+    gray_code = coding.gray_code
+    if gray_code is not None:
+        words = _words(lines, sequence, gray_code, limits)
+        reading = Reading(tuple(range(len(gray_code.frames))))
+        jumping = check_neighbours(words, reading, gray_code.frames, axis)
+        if jumping is not None:
+            yield jumping
+            return  # whatever follows from these codes is as wrong
+        beyond = check_coverage(words, reading, -(-size // gray_code.code_width), None, axis)
+        if beyond is not None:
+            yield beyond
+        coordinate = decode_gray_code(lines, sequence, gray_code, size, limits).coordinate
+        reference = f"the Gray code of the {axis}"
+    for fringe in coding.fringes:
+        steps = _steps(lines, fringe, size, axis, limits)
+        yield from check_steps(steps)
+        phase = _phase(lines, fringe)[0]
+        period_px = size / fringe.periods
+        if coordinate is not None:
+            where = steps.usable & np.isfinite(coordinate)
+            found = check_phase(coordinate[where], phase[where], steps, reference, exact=exact)
+            if found is not None:
+                yield found
+        if gray_code is None:
+            if coordinate is None:
+                if fringe.periods > 1:
+                    return
+                middle = 0.5 * (size - 1) / period_px
+                order = np.rint(middle - phase)
+            else:
+                order = np.rint(coordinate / period_px - phase)
+            coordinate = np.where(steps.usable, (phase + order) * period_px, np.nan)
+            reference, exact = f"that of the coarser fringe of {fringe.periods:g}", False
+
+
+def _signals(
+    lines: FrameStack, sequence: PatternSequence, gray_code: GrayCode
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return (bits, …) lit minus unlit of every bit, and the contrast that they should have."""
+    frames = lines.frames
+    lit = frames[list(gray_code.frames)].astype(np.float32)
+    white, black = sequence.white_frame, sequence.black_frame
+    if gray_code.inverse_frames:
+        signals = lit - frames[list(gray_code.inverse_frames)]
+    else:
+        signals = 2 * lit - (frames[white].astype(np.float32) + frames[black])
+    if white is None or black is None:
+        return signals, np.abs(signals).max(axis=0)
+    return signals, frames[white].astype(np.float32) - frames[black]
+
+
+def _words(
+    lines: FrameStack, sequence: PatternSequence, gray_code: GrayCode, limits: DecodingLimits
+) -> NDArray[np.int64]:
+    """Return the bits of every pixel as a word, the first frame's highest; −1 where uncertain."""
+    signals, contrast = _signals(lines, sequence, gray_code)
+    word = np.zeros(contrast.shape, dtype=np.int64)
+    for signal in signals:
+        word = 2 * word + (signal > 0)
+    weak = (np.abs(signals) < limits.min_bit_contrast * contrast).sum(axis=0)
+    dark = contrast * (0.5 * GREY_MAX / lines.full_scale) < max(limits.min_modulation, 1e-6)
+    return np.where((weak > 1) | dark, -1, word)
+
+
+def _phase(
+    lines: FrameStack, fringe: Fringe
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return phase, in periods, and amplitude, in grey levels."""
+    shifts = np.radians(np.asarray(fringe.shifts_deg))
+    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
+    inverse = np.linalg.pinv(design)
+    _, cosine, sine = np.tensordot(inverse, lines.frames[list(fringe.frames)], axes=1)
+    return np.arctan2(sine, cosine) / (2 * np.pi), np.hypot(cosine, sine)
+
+
+def _usable(lines: FrameStack, fringe: Fringe, limits: DecodingLimits) -> NDArray[np.bool_]:
+    """Return where the fringe is modulated well and not clipped."""
+    amplitude = _phase(lines, fringe)[1] * (GREY_MAX / lines.full_scale)
+    clipped = (lines.frames[list(fringe.frames)] >= lines.full_scale).any(axis=0)
+    return np.asarray((amplitude >= max(limits.min_modulation, 1e-6)) & ~clipped)
+
+
+def _steps(
+    lines: FrameStack, fringe: Fringe, size: int, axis: str, limits: DecodingLimits
+) -> Steps:
+    return Steps(
+        samples=lines.frames[list(fringe.frames)].astype(np.float64),
+        usable=_usable(lines, fringe, limits),
+        shifts_deg=fringe.shifts_deg,
+        frames=fringe.frames,
+        periods=fringe.periods,
+        size=size,
+        name=f"the fringe of {fringe.periods:g} periods across the {axis}",
+    )
