@@ -42,7 +42,9 @@ def test_hard_edges_decode_to_the_right_code(render_gray, inverse, code_width):
     coordinate = np.random.default_rng(1).integers(0, 256 * code_width, (20, 30)).astype(float)
     bits = render_gray(coordinate, N_BITS, code_width=code_width)
     decoded = decode(
-        stack_of(bits, inverse=inverse), sequence_of(inverse=inverse, code_width=code_width)
+        stack_of(bits, inverse=inverse),
+        sequence_of(inverse=inverse, code_width=code_width),
+        checked=False,  # codes at random
     )
     # Between neighbours a code apart, hard edges lie anywhere: half a pixel of a code, no more.
     assert np.abs(decoded.column - coordinate).max() <= 0.5 * code_width

@@ -14,9 +14,11 @@ from exposight import imaging
 from exposight.cell import Cloud, write_cloud
 from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
+from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError
 from exposight.files import write_durably
 from exposight.geometry import ProjectorCamera, read_projector_camera
+from exposight.imaging.consistency import FRAME_CHECKS
 from exposight.tables import Column, Table, count, number
 
 _LIMITS = imaging.DecodingLimits()
@@ -42,6 +44,7 @@ def decode_command(
         tuple[float, float], Parameter("--depth-limits", metavar="NEAR FAR")
     ] = (0.0, np.inf),
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
+    despite: Annotated[tuple[str, ...], Parameter(metavar="CHECK")] = (),
     limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
 ) -> Result:
     """Decode recorded stripe frames to an organised point cloud.
@@ -71,7 +74,11 @@ def decode_command(
         Leave out points nearer or farther than this, mm.
     projector_size
         Projector's width and height in px, where the calibration lacks it.
+    despite
+        Go on although this check finds a contradiction between frames and sequence; repeat it for
+        several.
     """
+    check_names(despite, FRAME_CHECKS)
     near_mm, far_mm = depth_limits_mm
     if not 0 <= near_mm < far_mm:
         msg = f"--depth-limits needs 0 ≤ NEAR < FAR in mm, got {near_mm:g} {far_mm:g}"
@@ -88,7 +95,7 @@ def decode_command(
     rig = read_projector_camera(calibration, projector_size=projector_size)
     start = time.perf_counter()
     stack = imaging.read_recording(folder, patterns)
-    decoded = imaging.decode(stack, patterns, limits)
+    decoded = imaging.decode(stack, patterns, limits, despite=despite)
     if preview is not None:
         _write_preview(preview, decoded)  # first: it helps to see why there are no points
     cloud = _triangulated(decoded, rig, depth_limits_mm)
@@ -114,6 +121,7 @@ def decode_command(
             ),
         ),
         tables=(_pixel_table(decoded.counts()),),
+        contradictions=decoded.contradictions,
         notes=() if files else ("nothing was written: --output keeps the cloud",),
         files=tuple(files),
     )

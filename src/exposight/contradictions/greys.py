@@ -27,7 +27,12 @@ _MOSAIC_WARNING, _MOSAIC_ERROR = 0.03, 0.10
 
 
 def check_greys(
-    images: NDArray[Any], full_scale: int, *, scaled: bool = False, what: str = "the frames"
+    images: NDArray[Any],
+    full_scale: int,
+    *,
+    clips_at: int | None = None,
+    scaled: bool = False,
+    what: str = "the frames",
 ) -> Iterator[Contradiction]:
     """Hold grey levels against their bit depth, and against what only a colour camera shows.
 
@@ -36,7 +41,9 @@ def check_greys(
     images : (rows, columns) or (n, rows, columns) ndarray of uint8 or uint16
         Grey levels of an image, or of several frames of one scene.
     full_scale : int
-        Grey level at which a sample counts as clipped.
+        The largest grey level of the bit depth.
+    clips_at : int, optional
+        Grey level from which on a sample counts as clipped, where that is another.
     scaled : bool
         True where the levels were scaled by calculation (an emulated exposure), so that they say
         nothing of the camera.
@@ -52,11 +59,11 @@ def check_greys(
     sample = _row_pairs(stack)
     if not scaled:
         counts = np.bincount(sample.ravel(), minlength=full_scale + 1)
-        spike = saturation_spike(counts, full_scale, what)
+        spike = saturation_spike(counts, clips_at or full_scale, what)
         levels = level_spacing(counts, full_scale, what)
         yield from (each for each in (spike, levels) if each is not None)
         if spike is None and levels is None:
-            quantised = _neighbour_noise(sample) < 3.0
+            quantised = _neighbour_noise(sample) < 8.0
             small = small_levels(counts, full_scale, what) if quantised else None
             yield from () if small is None else (small,)
     found = mosaic(sample, what)
@@ -105,11 +112,9 @@ def saturation_spike(
     if bits is not None:
         explanation = f"{level} is the full scale of {bits} bits: say a bit depth of {bits}"
     elif level in (_left_aligned(full_scale, bits) for bits in range(8, 16)):
-        explanation = f"levels stand in the high bits: say so, or clipping at {level}"
+        explanation = 'the levels stand in the high bits: say so (alignment = "high")'
     else:
-        explanation = (
-            f"if the camera saturates at {level}, say so (saturation_level in the sequence's file)"
-        )
+        explanation = f"if the camera saturates at {level}, say so: saturation_level = {level}"
     return Contradiction(
         check="saturation-spike",
         compared=f"grey levels of {what} against full scale",
@@ -127,9 +132,12 @@ def _pile(counts: NDArray[np.int64]) -> int | None:
     for level in candidates[::-1]:
         below = counts[max(0, level - window) : level]
         # Levels below are there, though fewer: a flat and noiseless surface has none near it.
-        if below.size >= 8 and counts[level] > _PILE * below.mean() and np.count_nonzero(
-            below[-8:]
-        ) >= min(4, below.size) and below.sum() > 0.02 * counts[level]:
+        if (
+            below.size >= 8
+            and counts[level] > _PILE * below.mean()
+            and np.count_nonzero(below) >= 8
+            and below.sum() > 0.02 * counts[level]
+        ):
             return int(level)
     return None
 
@@ -192,8 +200,8 @@ def level_spacing(
                 f"scale {full_scale} and none counts as clipped"
             ),
             explanation=(
-                f"the levels are those of {depth - shift} bits left-aligned in {depth}: say so "
-                '(alignment = "left")'
+                f"the levels are those of {depth - shift} bits in the high ones of {depth}: say so "
+                '(alignment = "high")'
             ),
             is_error=piled,
         )
@@ -210,9 +218,7 @@ def _scaled_full_scale(levels: NDArray[np.intp]) -> tuple[int, int] | None:
                 continue
             k = np.rint(levels / spacing)
             if np.all(np.abs(levels - k * spacing) <= 0.5001):  # rounded to nearest
-                # With few bits more, any levels fit: the tolerance must be a small part.
-                if spacing > 3 or np.all(np.diff(levels) >= 2):
-                    return bits, reached
+                return bits, reached
     return None
 
 

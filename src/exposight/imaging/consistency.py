@@ -5,17 +5,19 @@ Everything is looked at along pairs of adjacent rows or columns of the image, ev
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import GREY_MAX
+from exposight.cell import Image
 from exposight.contradictions import Contradiction
 from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
 from exposight.contradictions.greys import check_greys
 from exposight.contradictions.steps import Steps, check_phase, check_steps
 from exposight.imaging.decoded import DecodingLimits
-from exposight.imaging.frames import FrameStack
+from exposight.imaging.frames import FrameStack, Light
 from exposight.imaging.gray_code import decode_gray_code
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
 
@@ -53,31 +55,28 @@ def frame_contradictions(
     Contradiction
         Of the names in `FRAME_CHECKS`.
     """
-    yield from check_greys(stack.frames, stack.full_scale, scaled=stack.emulated)
+    yield from check_greys(
+        stack.frames, stack.full_scale, clips_at=stack.clipping_level, scaled=stack.emulated
+    )
     lines = (_lines(stack, vertical=False), _lines(stack, vertical=True))
     for axis, coding, size in sequence.axes():
         along = max(lines, key=lambda each: _changes(each, sequence, coding, limits))
         yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
 
 
-def _lines(stack: FrameStack, *, vertical: bool) -> FrameStack:
-    """Return pairs of adjacent rows, or of columns turned to rows, as a stack of their own."""
+def _lines(stack: FrameStack, *, vertical: bool) -> Light:
+    """Return the light of pairs of adjacent rows, or of columns turned to rows."""
     frames = stack.frames.transpose(0, 2, 1) if vertical else stack.frames
     _, rows, columns = frames.shape
     pairs = max(1, rows // 2)
     step = max(1, math.ceil(2 * pairs * columns / _SAMPLED_PIXELS))
     first = 2 * np.arange(min(step // 2, pairs - 1), pairs, step)
     chosen = np.stack([first, np.minimum(first + 1, rows - 1)], axis=1).ravel()
-    return FrameStack(
-        frames=np.ascontiguousarray(frames[:, chosen]),
-        bit_depth=stack.bit_depth,
-        exposure_ms=stack.exposure_ms,
-        emulated=stack.emulated,
-    )
+    return replace(stack, frames=cast("Image", np.ascontiguousarray(frames[:, chosen]))).light()
 
 
 def _changes(
-    lines: FrameStack, sequence: PatternSequence, coding: AxisCoding, limits: DecodingLimits
+    lines: Light, sequence: PatternSequence, coding: AxisCoding, limits: DecodingLimits
 ) -> float:
     """Return by how much the axis' finest pattern changes from pixel to pixel along the lines."""
     if coding.fringes:
@@ -95,7 +94,7 @@ def _changes(
 
 
 def _axis_contradictions(
-    lines: FrameStack,
+    lines: Light,
     sequence: PatternSequence,
     coding: AxisCoding,
     axis: str,
@@ -112,10 +111,13 @@ def _axis_contradictions(
         if jumping is not None:
             yield jumping
             return  # whatever follows from these codes is as wrong
-        beyond = check_coverage(words, reading, -(-size // gray_code.code_width), None, axis)
+        n_codes = -(-size // gray_code.code_width)
+        first_code: int | None = getattr(gray_code, "first_code", 0)
+        beyond = check_coverage(words, reading, n_codes, first_code, axis)
         if beyond is not None:
             yield beyond
         coordinate = decode_gray_code(lines, sequence, gray_code, size, limits).coordinate
+        coordinate = _located(coordinate, gray_code.code_width)
         reference = f"the Gray code of the {axis}"
     for fringe in coding.fringes:
         steps = _steps(lines, fringe, size, axis, limits)
@@ -139,8 +141,16 @@ def _axis_contradictions(
             reference, exact = f"that of the coarser fringe of {fringe.periods:g}", False
 
 
+def _located(coordinate: NDArray[np.float64], code_width: int) -> NDArray[np.float64]:
+    """Leave out coordinates that are the middle of a wide code, for want of an edge on a side."""
+    if code_width < 4:
+        return coordinate
+    middle = (coordinate - 0.5 * (code_width - 1)) / code_width
+    return np.where(middle == np.rint(middle), np.nan, coordinate)
+
+
 def _signals(
-    lines: FrameStack, sequence: PatternSequence, gray_code: GrayCode
+    lines: Light, sequence: PatternSequence, gray_code: GrayCode
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return (bits, …) lit minus unlit of every bit, and the contrast that they should have."""
     frames = lines.frames
@@ -156,7 +166,7 @@ def _signals(
 
 
 def _words(
-    lines: FrameStack, sequence: PatternSequence, gray_code: GrayCode, limits: DecodingLimits
+    lines: Light, sequence: PatternSequence, gray_code: GrayCode, limits: DecodingLimits
 ) -> NDArray[np.int64]:
     """Return the bits of every pixel as a word, the first frame's highest; −1 where uncertain."""
     signals, contrast = _signals(lines, sequence, gray_code)
@@ -164,13 +174,11 @@ def _words(
     for signal in signals:
         word = 2 * word + (signal > 0)
     weak = (np.abs(signals) < limits.min_bit_contrast * contrast).sum(axis=0)
-    dark = contrast * (0.5 * GREY_MAX / lines.full_scale) < max(limits.min_modulation, 1e-6)
+    dark = contrast * (0.5 * lines.scale) < max(limits.min_modulation, 1e-6)
     return np.where((weak > 1) | dark, -1, word)
 
 
-def _phase(
-    lines: FrameStack, fringe: Fringe
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _phase(lines: Light, fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phase, in periods, and amplitude, in grey levels."""
     shifts = np.radians(np.asarray(fringe.shifts_deg))
     design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
@@ -179,16 +187,14 @@ def _phase(
     return np.arctan2(sine, cosine) / (2 * np.pi), np.hypot(cosine, sine)
 
 
-def _usable(lines: FrameStack, fringe: Fringe, limits: DecodingLimits) -> NDArray[np.bool_]:
+def _usable(lines: Light, fringe: Fringe, limits: DecodingLimits) -> NDArray[np.bool_]:
     """Return where the fringe is modulated well and not clipped."""
-    amplitude = _phase(lines, fringe)[1] * (GREY_MAX / lines.full_scale)
-    clipped = (lines.frames[list(fringe.frames)] >= lines.full_scale).any(axis=0)
+    amplitude = _phase(lines, fringe)[1] * lines.scale
+    clipped = (lines.frames[list(fringe.frames)] >= lines.clips_at).any(axis=0)
     return np.asarray((amplitude >= max(limits.min_modulation, 1e-6)) & ~clipped)
 
 
-def _steps(
-    lines: FrameStack, fringe: Fringe, size: int, axis: str, limits: DecodingLimits
-) -> Steps:
+def _steps(lines: Light, fringe: Fringe, size: int, axis: str, limits: DecodingLimits) -> Steps:
     return Steps(
         samples=lines.frames[list(fringe.frames)].astype(np.float64),
         usable=_usable(lines, fringe, limits),

@@ -6,7 +6,7 @@ samples. With three equal steps it is φ = atan2(√3·(I₂ − I₃), 2·I₁ 
 over a projector of W px means the coordinate φ/(2π·p)·W, phase 0 being the centre of pixel 0.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.compiled import njit
+from exposight.contradictions import settle
 from exposight.errors import ImageError
+from exposight.imaging.consistency import frame_contradictions
 from exposight.imaging.decoded import (
     AMBIGUOUS,
     CLIPPED,
@@ -64,7 +66,12 @@ def read_recording(
 
 
 def decode(
-    stack: FrameStack, sequence: PatternSequence, limits: DecodingLimits | None = None
+    stack: FrameStack,
+    sequence: PatternSequence,
+    limits: DecodingLimits | None = None,
+    *,
+    despite: Collection[str] = (),
+    checked: bool = True,
 ) -> DecodedMap:
     """Find the projector coordinate that every camera pixel sees.
 
@@ -76,12 +83,18 @@ def decode(
         What its frames mean.
     limits : DecodingLimits, optional
         When a pixel counts as decoded.
+    despite : collection of str
+        Names of checks whose errors are accepted (see `exposight.imaging.consistency`).
+    checked : bool
+        False for frames that are known to be what the sequence says, as simulated ones are.
 
     Raises
     ------
     ImageError
         If the stack has another number of frames, bit depth, saturation level or response than the
         sequence says.
+    ContradictionError
+        If the frames contradict the sequence, or one another.
     """
     if stack.n_frames != sequence.n_frames:
         msg = (
@@ -106,6 +119,7 @@ def decode(
             )
             raise ImageError(msg)
     limits = limits or DecodingLimits()
+    found = settle(frame_contradictions(stack, sequence, limits), despite) if checked else ()
     light = stack.light()
     maps = {
         axis: _decode_axis(light, sequence, coding, size, limits)
@@ -122,6 +136,7 @@ def decode(
         projector_height=sequence.projector_height,
         exposure_ms=stack.exposure_ms,
         emulated=stack.emulated,
+        contradictions=found,
     )
 
 
