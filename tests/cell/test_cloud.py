@@ -315,3 +315,28 @@ def test_organise_gives_the_image_its_rows_and_columns_back():
 def test_organise_refuses_another_number_of_points():
     with pytest.raises(CloudError, match=r"2 rows × 4 columns need 8 points.*got 6"):
         Cloud(points=np.ones((6, 3))).organise(2, 4)
+
+
+def test_standard_deviations_go_with_the_points(tmp_path):
+    points = np.arange(18, dtype=np.float32).reshape(2, 3, 3)
+    points[0, 1] = np.nan
+    sigma = np.full((2, 3), 0.5)
+    cloud = Cloud(points=points.reshape(6, 3), sigma_z_mm=sigma.ravel()).organise(2, 3)
+    expected = np.where(cloud.valid, 0.5, np.nan)
+    np.testing.assert_array_equal(cloud.sigma_z_mm, expected)
+    write_cloud(tmp_path / "cloud.ply", cloud)
+    back = read_cloud(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(back.sigma_z_mm, expected)
+    np.testing.assert_array_equal(back.points, cloud.points)
+    in_metres = read_cloud(tmp_path / "cloud.ply", unit="m")
+    np.testing.assert_array_equal(in_metres.sigma_z_mm, 1000 * expected)
+    write_cloud(tmp_path / "cloud.npy", cloud)
+    assert read_cloud(tmp_path / "cloud.npy").sigma_z_mm is None
+
+
+def test_standard_deviations_are_one_for_each_point_and_not_negative():
+    points = np.ones((4, 3))
+    with pytest.raises(CloudError, match=r"sigma_z_mm needs a number .* shape \(4,\), got"):
+        Cloud(points=points, sigma_z_mm=np.ones(3))
+    with pytest.raises(CloudError, match="0 or more, got -1 mm"):
+        Cloud(points=points, sigma_z_mm=np.array([1, 2, -1, 1]))

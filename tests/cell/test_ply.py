@@ -21,7 +21,8 @@ def test_a_scanners_size_makes_the_cloud_organised():
         vertices=6,
         before="obj_info num_cols 3\nobj_info num_rows 2\nobj_info made by a scanner\n",
     )
-    points = points_from_ply(data, PATH)
+    points, sigma = points_from_ply(data, PATH)
+    assert sigma is None
     assert points.shape == (2, 3, 3)
     assert points[1, 0].tolist() == [0, 0, 1]
 
@@ -35,7 +36,7 @@ def test_other_properties_and_elements_are_skipped():
         + XYZ
         + "element face 1\nproperty list uchar int vertex_indices\n",
     )
-    np.testing.assert_array_equal(points_from_ply(data, PATH), [[1, 2, 3], [4, np.nan, 6]])
+    np.testing.assert_array_equal(points_from_ply(data, PATH)[0], [[1, 2, 3], [4, np.nan, 6]])
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
@@ -51,7 +52,7 @@ def test_both_byte_orders_are_read(byte_order):
     )
     vertices["x"], vertices["y"], vertices["z"] = [1, 4], [2, 5], [3, 6]
     data = header.encode() + bytes(6) + vertices.tobytes()
-    assert points_from_ply(data, PATH).tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert points_from_ply(data, PATH)[0].tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 def test_the_size_is_written_as_scanners_do():
@@ -95,3 +96,18 @@ def test_a_binary_file_that_is_cut_off_says_how_much_is_there():
     data = ply_from_points(np.ones((4, 3), np.float32))[:-1]
     with pytest.raises(DamagedFileError, match="announces 4 vertices, it holds 3"):
         points_from_ply(data, PATH)
+
+
+def test_standard_deviations_are_a_property_of_their_own():
+    points, sigma = np.ones((2, 3, 3), np.float32), np.arange(6, dtype=np.float32).reshape(2, 3)
+    data = ply_from_points(points, sigma)
+    assert b"property float z\nproperty float sigma_z\nend_header\n" in data
+    back, sigma_back = points_from_ply(data, PATH)
+    np.testing.assert_array_equal(back, points)
+    np.testing.assert_array_equal(sigma_back, sigma)
+    text = ply(
+        "1 2 0.5 3\n", vertices=1, properties=XYZ.replace("z\n", "sigma_z\nproperty float z\n")
+    )
+    back, sigma_back = points_from_ply(text, PATH)
+    assert back.tolist() == [[1, 2, 3]]
+    assert sigma_back.tolist() == [0.5]

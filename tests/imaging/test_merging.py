@@ -76,6 +76,22 @@ def test_where_points_standard_deviation_is_observed_it_decides() -> None:
     assert merged.cloud.points[0, :3, 2].tolist() == [601.0, 602.0, 703.0]
 
 
+def test_standard_deviations_stay_with_the_points_that_were_taken(tmp_path) -> None:
+    known = [
+        replace(each, cloud=Cloud(points=each.cloud.points, sigma_z_mm=np.full((1, 4), sigma)))
+        for each, sigma in ((SHORT, 0.25), (LONG, 0.5))
+    ]
+    write_capture(tmp_path / "c", merge_captures(known))
+    sigma_mm = read_capture(tmp_path / "c").cloud.sigma_z_mm
+    np.testing.assert_array_equal(sigma_mm, [[0.5, 0.25, 0.5, NAN]])
+    assert merge_captures([SHORT, known[1]]).cloud.sigma_z_mm is None
+    plain, with_sigma = tmp_path / "plain", tmp_path / "with"
+    write_capture(plain, SHORT)
+    write_capture(with_sigma, known[0])
+    assert '"version": 3' in (plain / "capture.json").read_text()  # for older versions
+    assert '"version": 5' in (with_sigma / "capture.json").read_text()
+
+
 def test_a_merged_capture_does_not_pretend_to_be_one_exposure(tmp_path) -> None:
     merged = merge_captures([LONG, SHORT])
     assert merged.brightness_source == "merged"

@@ -234,9 +234,10 @@ _DESCRIBED = (
 )
 """Fields that a capture and its description share."""
 
-_FORMAT = files.DocumentFormat("exposight capture", 4, CaptureDescription)
+_FORMAT = files.DocumentFormat("exposight capture", 5, CaptureDescription)
 """2: a capture may lack its cloud, and have attachments. 3: it may have stack images. 4: it may be
-merged; others are written as 3, which older versions of exposight read."""
+merged. 5: its cloud may have standard deviations. Each is written as the first version that has all
+of it, which older versions of exposight read."""
 
 
 def write_capture(folder: Path, capture: Capture) -> None:
@@ -280,6 +281,8 @@ def write_capture(folder: Path, capture: Capture) -> None:
         for name, content in contents.items():
             (unfinished / name).write_bytes(content)
         version = 4 if capture.brightness_source == "merged" else 3
+        if capture.cloud is not None and capture.cloud.sigma_z_mm is not None:
+            version = 5
         sealed = replace(_FORMAT, version=version).seal(description)
         (unfinished / _DESCRIPTION).write_bytes(sealed)
 
@@ -386,12 +389,14 @@ def _read_image(path: Path, sha256: str) -> Image:
 def _npz(cloud: Cloud) -> bytes:
     """Pack a cloud as its shape, its valid bits and its valid points: missing points cost a bit."""
     buffer = io.BytesIO()
-    np.savez(
-        buffer,
-        shape=np.array(cloud.valid.shape, dtype=np.int64),
-        valid=np.packbits(cloud.valid),
-        points=cloud.valid_points,
-    )
+    arrays = {
+        "shape": np.array(cloud.valid.shape, dtype=np.int64),
+        "valid": np.packbits(cloud.valid),
+        "points": cloud.valid_points,
+    }
+    if cloud.sigma_z_mm is not None:
+        arrays["sigma_z_mm"] = cloud.sigma_z_mm[cloud.valid]
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
@@ -402,7 +407,12 @@ def _cloud_from_npz(data: bytes, path: Path) -> Cloud:
             valid = np.unpackbits(arrays["valid"], count=int(np.prod(shape))).astype(bool)
             points = np.full((valid.size, 3), np.nan, dtype=np.float32)
             points[valid] = arrays["points"]
-            return Cloud(points=points.reshape(*shape, 3))
+            sigma = None
+            if "sigma_z_mm" in arrays:
+                sigma = np.full(valid.size, np.nan, dtype=np.float32)
+                sigma[valid] = arrays["sigma_z_mm"]
+                sigma = sigma.reshape(shape)
+            return Cloud(points=points.reshape(*shape, 3), sigma_z_mm=sigma)
     except (KeyError, ValueError, TypeError, zipfile.BadZipFile, InputError) as error:
         msg = f"{path} is no cloud of a capture ({error}); expected shape, valid bits and points"
         raise FormatError(msg) from error

@@ -2,7 +2,8 @@
 
 Missing points are NaN. Every format (PLY, PCD, XYZ, CSV, NPY) keeps them, as NaN or zero, and the
 order. PLY, PCD and NPY also keep the rows and columns of an organised cloud; the text formats
-cannot, so their reader takes them from the caller. Coordinates are in mm.
+cannot, so their reader takes them from the caller. Coordinates are in mm. PLY keeps the points'
+standard deviations, too.
 """
 
 from __future__ import annotations
@@ -35,6 +36,9 @@ class Cloud:
         Organised like the first camera's image, or unorganised. Copied to float32 and made
         read-only. Missing points — all zero, or with a coordinate that is not finite — become NaN
         in all three coordinates. Points in metres must be converted before.
+    sigma_z_mm : (rows, columns) or (n,) ndarray, mm, optional
+        Standard deviation of each point's z along its ray, where it is known; NaN where it is not.
+        Copied to float32, made read-only, and NaN where there is no point.
 
     Attributes
     ----------
@@ -44,10 +48,12 @@ class Cloud:
     Raises
     ------
     CloudError
-        If the points have another shape or are not real numbers.
+        If the points have another shape or are not real numbers, or the standard deviations are not
+        one for each point, or below 0.
     """
 
     points: NDArray[np.float32]
+    sigma_z_mm: NDArray[np.float32] | None = None
     valid: NDArray[np.bool_] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -57,6 +63,8 @@ class Cloud:
         valid.setflags(write=False)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "valid", valid)
+        if self.sigma_z_mm is not None:
+            object.__setattr__(self, "sigma_z_mm", _checked_sigma(self.sigma_z_mm, valid))
 
     @property
     def organised(self) -> bool:
@@ -109,7 +117,18 @@ class Cloud:
                 f"included, got {self.valid.size}; export the cloud with its missing points"
             )
             raise CloudError(msg)
-        return Cloud(points=self.points.reshape(rows, columns, 3))
+        sigma = self.sigma_z_mm
+        return Cloud(
+            points=self.points.reshape(rows, columns, 3),
+            sigma_z_mm=None if sigma is None else sigma.reshape(rows, columns),
+        )
+
+    def scaled(self, factor: float) -> Cloud:
+        """Return the cloud with all lengths times a factor, as from m to mm."""
+        sigma = self.sigma_z_mm
+        return Cloud(
+            points=factor * self.points, sigma_z_mm=None if sigma is None else factor * sigma
+        )
 
 
 def _checked(points: ArrayLike) -> NDArray[np.float32]:
@@ -130,6 +149,23 @@ def _checked(points: ArrayLike) -> NDArray[np.float32]:
     with np.errstate(over="ignore", invalid="ignore"):
         missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
     copy[missing] = np.nan
+    return copy
+
+
+def _checked_sigma(sigma_mm: ArrayLike, valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return a float32 copy of standard deviations, NaN where there is no point."""
+    array = np.asarray(sigma_mm)
+    if array.shape != valid.shape or array.dtype.kind not in "fiu":
+        msg = (
+            f"sigma_z_mm needs a number in mm for each of the points, shape {valid.shape}, got "
+            f"{array.dtype} of shape {array.shape}"
+        )
+        raise CloudError(msg)
+    copy = np.where(valid, array, np.nan).astype(np.float32)
+    if (copy < 0.0).any():
+        msg = f"sigma_z_mm needs standard deviations of 0 or more, got {np.nanmin(copy):g} mm"
+        raise CloudError(msg)
+    copy.setflags(write=False)
     return copy
 
 
@@ -173,9 +209,9 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
         raise DamagedFileError(msg)
     try:
-        cloud = Cloud(points=read(data, path))
+        cloud = read(data, path)
         if unit != "mm":
-            cloud = Cloud(points=LENGTH_UNITS_MM[unit] * cloud.points)
+            cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
         return cloud if size is None else cloud.organise(*size)
     except CloudError as error:
         msg = f"{path}: {error}"
@@ -193,7 +229,7 @@ def write_cloud(path: Path, cloud: Cloud) -> None:
         A .ply, .pcd, .xyz, .txt, .csv or .npy file; PLY and PCD are written in binary.
     cloud : Cloud
         The points; the text formats (.xyz, .txt, .csv) keep their order but not their rows and
-        columns.
+        columns, and only .ply keeps ``sigma_z_mm``.
 
     Raises
     ------
@@ -204,11 +240,11 @@ def write_cloud(path: Path, cloud: Cloud) -> None:
     """
     path = Path(path)
     _, write = _format(path)
-    write_durably(path, write(cloud.points))
+    write_durably(path, write(cloud))
 
 
-_Read = Callable[[bytes, Path], "NDArray[np.floating]"]
-_Write = Callable[["NDArray[np.float32]"], bytes]
+_Read = Callable[[bytes, Path], Cloud]
+_Write = Callable[[Cloud], bytes]
 
 
 def _format(path: Path) -> tuple[_Read, _Write]:
@@ -225,7 +261,7 @@ def _format(path: Path) -> tuple[_Read, _Write]:
 # -- PCD ----------------------------------------------------------------------------------------
 
 
-def _read_pcd(data: bytes, path: Path) -> NDArray[np.floating]:
+def _read_pcd(data: bytes, path: Path) -> Cloud:
     try:
         cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(data)))
     except (ValueError, KeyError, TypeError, RuntimeError, struct.error) as error:
@@ -243,22 +279,23 @@ def _read_pcd(data: bytes, path: Path) -> NDArray[np.floating]:
         )
         raise DamagedFileError(msg)
     points = np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1)
-    return points.reshape(meta.height, meta.width, 3) if meta.height > 1 else points
+    return Cloud(points=points.reshape(meta.height, meta.width, 3) if meta.height > 1 else points)
 
 
-def _pcd(points: NDArray[np.float32]) -> bytes:
-    cloud = PointCloud.from_xyz_points(points.reshape(-1, 3))
+def _pcd(cloud: Cloud) -> bytes:
+    points = cloud.points
+    written = PointCloud.from_xyz_points(points.reshape(-1, 3))
     height, width = points.shape[:2] if points.ndim == 3 else (1, len(points))
-    cloud.metadata = cloud.metadata.derive(height=height, width=width)
+    written.metadata = written.metadata.derive(height=height, width=width)
     buffer = io.BytesIO()
-    cloud.save(buffer, encoding=Encoding.BINARY)
+    written.save(buffer, encoding=Encoding.BINARY)
     return buffer.getvalue()
 
 
 # -- text ---------------------------------------------------------------------------------------
 
 
-def _read_xyz(data: bytes, path: Path) -> NDArray[np.floating]:
+def _read_xyz(data: bytes, path: Path) -> Cloud:
     """Read x y z in the first three columns, after an optional line of column names."""
     # CloudCompare marks its line of names with //.
     line = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").lstrip("/")
@@ -270,13 +307,13 @@ def _read_xyz(data: bytes, path: Path) -> NDArray[np.floating]:
             f"{' '.join(first[:6])!r}"
         )
         raise FormatError(msg)
-    return _numbers(data, path, delimiter=None, skiprows=int(has_header))
+    return Cloud(points=_numbers(data, path, delimiter=None, skiprows=int(has_header)))
 
 
-def _read_csv(data: bytes, path: Path) -> NDArray[np.floating]:
+def _read_csv(data: bytes, path: Path) -> Cloud:
     first = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").strip()
     check_columns(first.split(","), required=_CSV_COLUMNS, optional=(), source=path)
-    return _numbers(data, path, delimiter=",", skiprows=1)
+    return Cloud(points=_numbers(data, path, delimiter=",", skiprows=1))
 
 
 def _numbers(
@@ -301,8 +338,8 @@ def _numbers(
         raise FormatError(msg) from error
 
 
-def _write_text(separator: str, header: bool, points: NDArray[np.float32]) -> bytes:
-    frame = pl.DataFrame(points.reshape(-1, 3), schema=list(_CSV_COLUMNS))
+def _write_text(separator: str, header: bool, cloud: Cloud) -> bytes:
+    frame = pl.DataFrame(cloud.points.reshape(-1, 3), schema=list(_CSV_COLUMNS))
     buffer = io.BytesIO()
     frame.write_csv(buffer, separator=separator, include_header=header)
     return buffer.getvalue()
@@ -314,7 +351,7 @@ _xyz, _csv = partial(_write_text, " ", False), partial(_write_text, ",", True)
 # -- NPY ----------------------------------------------------------------------------------------
 
 
-def _read_npy(data: bytes, path: Path) -> NDArray[np.floating]:
+def _read_npy(data: bytes, path: Path) -> Cloud:
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -328,17 +365,29 @@ def _read_npy(data: bytes, path: Path) -> NDArray[np.floating]:
         array.close()
         msg = f"{path} is an archive of several arrays (NPZ); expected one array (NPY)"
         raise FormatError(msg)
-    return array
+    return Cloud(points=array)
 
 
-def _npy(points: NDArray[np.float32]) -> bytes:
+def _npy(cloud: Cloud) -> bytes:
     buffer = io.BytesIO()
-    np.save(buffer, points, allow_pickle=False)
+    np.save(buffer, cloud.points, allow_pickle=False)
     return buffer.getvalue()
 
 
+# -- PLY ----------------------------------------------------------------------------------------
+
+
+def _read_ply(data: bytes, path: Path) -> Cloud:
+    points, sigma = points_from_ply(data, path)
+    return Cloud(points=points, sigma_z_mm=sigma)
+
+
+def _ply(cloud: Cloud) -> bytes:
+    return ply_from_points(cloud.points, cloud.sigma_z_mm)
+
+
 _FORMATS: dict[str, tuple[_Read, _Write]] = {
-    ".ply": (points_from_ply, ply_from_points),
+    ".ply": (_read_ply, _ply),
     ".pcd": (_read_pcd, _pcd),
     ".xyz": (_read_xyz, _xyz),
     ".txt": (_read_xyz, _xyz),

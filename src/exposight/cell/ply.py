@@ -39,7 +39,13 @@ class _Element:
         return np.dtype([(name, byte_order + code) for name, code in self.properties.items()])
 
 
-def points_from_ply(data: bytes, path: Path) -> NDArray[np.floating]:
+SIGMA = "sigma_z"
+"""The property of a vertex that holds the standard deviation of its z, in the unit of z."""
+
+_Floats = NDArray[np.floating]
+
+
+def points_from_ply(data: bytes, path: Path) -> tuple[_Floats, _Floats | None]:
     """Read the vertices of a PLY file, ASCII or binary.
 
     Parameters
@@ -53,6 +59,8 @@ def points_from_ply(data: bytes, path: Path) -> NDArray[np.floating]:
     -------
     (rows, columns, 3) or (n, 3) ndarray
         Organised where the file gives ``obj_info num_cols`` and ``num_rows``.
+    (rows, columns) or (n,) ndarray, or None
+        Standard deviations of z, where vertices have a property ``sigma_z``.
 
     Raises
     ------
@@ -79,18 +87,20 @@ def points_from_ply(data: bytes, path: Path) -> NDArray[np.floating]:
         got = ", ".join(vertex.properties)
         msg = f"{path}: expected vertices with x, y and z, got {got}"
         raise FormatError(msg)
+    wanted = [*"xyz", SIGMA] if SIGMA in vertex.properties else list("xyz")
     if encoding == "ascii":
-        points = _read_ascii(data[start:], before, vertex, path)
+        points = _read_ascii(data[start:], before, vertex, path, wanted)
     else:
-        points = _read_binary(data, start, _BYTE_ORDERS[encoding], before, vertex, path)
+        points = _read_binary(data, start, _BYTE_ORDERS[encoding], before, vertex, path, wanted)
     if len(points) < vertex.count:
         msg = (
             f"{path} is cut off: its header announces {vertex.count} vertices, it holds "
             f"{len(points)}; copy or export it again"
         )
         raise DamagedFileError(msg)
+    sigma = points[:, 3] if len(wanted) > 3 else None
     if size.keys() != {"num_cols", "num_rows"}:
-        return points
+        return points[:, :3], sigma
     rows, columns = size["num_rows"], size["num_cols"]
     if rows * columns != vertex.count:
         msg = (
@@ -98,22 +108,29 @@ def points_from_ply(data: bytes, path: Path) -> NDArray[np.floating]:
             f"got {vertex.count}; export one vertex per pixel, missing ones as NaN or 0 0 0"
         )
         raise FormatError(msg)
-    return points.reshape(rows, columns, 3)
+    if sigma is not None:
+        sigma = sigma.reshape(rows, columns)
+    return points[:, :3].reshape(rows, columns, 3), sigma
 
 
-def ply_from_points(points: NDArray[np.float32]) -> bytes:
+def ply_from_points(points: NDArray[np.float32], sigma: NDArray[np.float32] | None = None) -> bytes:
     """Write points as binary little-endian PLY, the image's size as ``obj_info``.
 
     Parameters
     ----------
     points : (rows, columns, 3) or (n, 3) ndarray of float32, mm
         Missing points are written as NaN, so that the order stays.
+    sigma : (rows, columns) or (n,) ndarray of float32, mm, optional
+        Standard deviations of z, written as the property ``sigma_z``.
     """
     lines = ["ply", "format binary_little_endian 1.0", "comment coordinates in mm"]
     if points.ndim == 3:
         lines += [f"obj_info num_cols {points.shape[1]}", f"obj_info num_rows {points.shape[0]}"]
     lines += [f"element vertex {points.size // 3}"]
     lines += [f"property float {axis}" for axis in "xyz"]
+    if sigma is not None:
+        lines += [f"property float {SIGMA}"]
+        points = np.concatenate([points, sigma[..., None]], axis=-1)
     header = "\n".join([*lines, "end_header", ""])
     return header.encode("ascii") + points.astype("<f4", copy=False).tobytes()
 
@@ -159,30 +176,31 @@ def _read_binary(
     before: list[_Element],
     vertex: _Element,
     path: Path,
-) -> NDArray[np.floating]:
+    wanted: list[str],
+) -> _Floats:
     """Return the vertices that are there, at most as many as announced."""
     dtype = vertex.dtype(byte_order, path)
     offset = start + sum(e.count * e.dtype(byte_order, path).itemsize for e in before)
     count = min(max(len(data) - offset, 0) // dtype.itemsize, vertex.count)
     vertices = np.frombuffer(memoryview(data)[offset:], dtype, count=count)
     # Without a copy where x, y and z lie side by side, as they nearly always do.
-    return structured_to_unstructured(vertices[["x", "y", "z"]])
+    return structured_to_unstructured(vertices[wanted])
 
 
 def _read_ascii(
-    body: bytes, before: list[_Element], vertex: _Element, path: Path
-) -> NDArray[np.floating]:
+    body: bytes, before: list[_Element], vertex: _Element, path: Path, wanted: list[str]
+) -> _Floats:
     """Return the vertices that are there, at most as many as announced."""
     vertex.dtype("=", path)  # refuses lists
     if vertex.count == 0:
-        return np.zeros((0, 3))
+        return np.zeros((0, len(wanted)))
     columns = list(vertex.properties)
     try:
         return np.loadtxt(
             io.BytesIO(body),
             skiprows=sum(element.count for element in before),
             max_rows=vertex.count,
-            usecols=[columns.index(axis) for axis in "xyz"],
+            usecols=[columns.index(name) for name in wanted],
             ndmin=2,
         )
     except ValueError as error:

@@ -8,12 +8,13 @@ from typing import Annotated
 import cv2
 import numpy as np
 from cyclopts import Parameter
+from cyclopts.validators import Number
 from numpy.typing import NDArray
 
 from exposight import imaging
 from exposight.cell import Cloud, write_cloud
 from exposight.cli.app import UsageError
-from exposight.cli.result import Result, Written, fact
+from exposight.cli.result import Fact, Result, Written, fact
 from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError
 from exposight.files import write_durably
@@ -45,6 +46,7 @@ def decode_command(
     ] = (0.0, np.inf),
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
     despite: Annotated[tuple[str, ...], Parameter(metavar="CHECK")] = (),
+    grey_noise: Annotated[float | None, Parameter(validator=Number(gt=0, lt=255))] = None,
     limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
 ) -> Result:
     """Decode recorded stripe frames to an organised point cloud.
@@ -77,6 +79,9 @@ def decode_command(
     despite
         Go on although this check finds a contradiction between frames and sequence; repeat it for
         several.
+    grey_noise
+        Standard deviation of the camera's noise in grey levels of 255, from which that of each
+        point follows; found from the frames themselves where a fringe has four steps or more.
     """
     check_names(despite, FRAME_CHECKS)
     near_mm, far_mm = depth_limits_mm
@@ -102,6 +107,15 @@ def decode_command(
     if not cloud.n_valid:
         raise CloudError(_why_empty(decoded, rig, depth_limits_mm, limits.min_modulation))
     seconds = time.perf_counter() - start
+    cloud, of_noise = imaging.recorded_sigma_z(
+        cloud,
+        stack,
+        patterns,
+        decoded,
+        projector=rig.projector,
+        projector_from_camera=rig.projector_from_camera,
+        grey_noise=grey_noise,
+    )
     if output is not None:
         write_cloud(output, cloud)
     near, middle, far = np.percentile(cloud.valid_points[:, 2].astype(float), [0, 50, 100]).tolist()
@@ -119,12 +133,25 @@ def decode_command(
                 {"min": near, "median": middle, "max": far},
                 f"{number(near)} to {number(far)} mm, median {number(middle)} mm",
             ),
+            *_sigma_fact(cloud),
         ),
         tables=(_pixel_table(decoded.counts()),),
         contradictions=decoded.contradictions,
-        notes=() if files else ("nothing was written: --output keeps the cloud",),
+        notes=(
+            *filter(None, (of_noise,)),
+            *(() if files else ("nothing was written: --output keeps the cloud",)),
+        ),
         files=tuple(files),
     )
+
+
+def _sigma_fact(cloud: Cloud) -> tuple[Fact, ...]:
+    """Return the median standard deviation of the points, where it is known."""
+    if cloud.sigma_z_mm is None:
+        return ()
+    median = float(np.median(cloud.sigma_z_mm[cloud.valid]))
+    text = f"{number(median)} mm, median standard deviation of a point's depth"
+    return (fact("sigma_z_mm", median, text),)
 
 
 def _triangulated(

@@ -164,7 +164,7 @@ def _decode_axis(
             return by_code
     coordinate = np.empty(light.image_shape)
     steps, periods_px = _unwrapping_steps(fringes, size, has_gray_code=gray_code is not None)
-    solvers = [_solver(fringe.shifts_deg) for fringe in fringes]
+    solvers = [phase_solver(fringe.shifts_deg) for fringe in fringes]
     # A whole number of periods repeats at the border: there, −ε and W − ε look alike.
     cyclic = coarse.size == 0 and all(float(fringe.periods).is_integer() for fringe in fringes)
     _unwrap(
@@ -189,7 +189,7 @@ def _decode_axis(
     return AxisMap(coordinate, modulation, flags)
 
 
-def _solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
+def phase_solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
     """Return the (3, n) pseudo-inverse that takes samples to A, B·cos φ, B·sin φ."""
     shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
     design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])

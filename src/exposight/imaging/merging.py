@@ -123,7 +123,8 @@ def merge_captures(
         for name, layer in merged.items():
             layer[better] = layers[name][better]
         limits.add(None if capture.stack is None else capture.stack.min_modulation)
-    cloud, image = Cloud(points=merged.pop("points")), merged.pop("image")
+    cloud = Cloud(points=merged.pop("points"), sigma_z_mm=merged.pop("sigma_z_mm", None))
+    image = merged.pop("image")
     taken_from[~cloud.valid] = 0
     times_ms = tuple(captures[i].exposure_ms for i in order)
     record = MergeRecord(
@@ -192,7 +193,9 @@ def _score(
 def _layers(capture: Capture) -> dict[str, NDArray[Any]]:
     """Return all that a capture has of each pixel."""
     stack = {} if capture.stack is None else capture.stack.images()
-    return {"points": capture.require_cloud().points, "image": capture.image, **stack}
+    cloud = capture.require_cloud()
+    sigma = {} if cloud.sigma_z_mm is None else {"sigma_z_mm": cloud.sigma_z_mm}
+    return {"points": cloud.points, **sigma, "image": capture.image, **stack}
 
 
 def _ascending(captures: Sequence[Capture]) -> list[int]:

@@ -7,6 +7,7 @@
     projector_height = 1140
     bit_depth = 8                  # 8 to 16
     file_pattern = "*.png"
+    grey_noise = 1.2               # of 255; found from four steps or more if left out
     white_frame = 0                # both or neither
     black_frame = 1
 

@@ -203,6 +203,9 @@ class PatternSequence:
         In place of that: light is the grey level to this power.
     file_pattern : str
         Which files of the recording's folder are its frames.
+    grey_noise : float, grey levels 0–255, optional
+        Standard deviation of a sample of the camera, for `exposight.imaging.recorded_sigma_z`; by
+        default it is found from fringes of four steps or more.
 
     Raises
     ------
@@ -225,6 +228,7 @@ class PatternSequence:
     camera_response: tuple[tuple[float, float], ...] = ()
     camera_gamma: float | None = None
     file_pattern: str = "*.png"
+    grey_noise: Annotated[float, Field(gt=0, lt=255)] | None = None
 
     def __post_init__(self) -> None:
         check_saturation_level(self.saturation_level, self.bit_depth)

@@ -17,7 +17,6 @@ from exposight.errors import ImageError
 from exposight.geometry import PinholeCamera, PixelBox, RigidTransform
 from exposight.geometry.cameras import distort_point
 from exposight.imaging.decoded import DecodedMap
-from exposight.imaging.sequences import Fringe
 
 _MAX_STEPS = 20
 _CONVERGED = 1e-12
@@ -89,54 +88,6 @@ def triangulate(
         points,
     )
     return Cloud(points=points)
-
-
-def depth_noise_mm(
-    cloud: Cloud,
-    decoded: DecodedMap,
-    fringe: Fringe,
-    grey_noise: float,
-    *,
-    projector: PinholeCamera,
-    projector_from_camera: RigidTransform,
-) -> NDArray[np.float64]:
-    """Predict the standard deviation of each point's depth from the modulation of its fringe.
-
-    Noise of σ grey levels in N equal steps of a fringe of amplitude B gives the phase the standard
-    deviation σ·√(2/N)/B (Surrel, *Additive noise effect in digital phase detection*, Applied Optics
-    1997), and so the projector column one of W/(2π·f) times that. How far the column moves with
-    depth along the camera's ray follows from both poses.
-
-    Parameters
-    ----------
-    cloud : Cloud
-        Triangulated from the map, organised like it.
-    decoded : DecodedMap
-        Holds the modulation; its columns are coded.
-    fringe : Fringe
-        The finest over the projector's columns.
-    grey_noise : float, grey levels 0–255
-        σ of one sample.
-    projector : PinholeCamera
-        Lens of the projector; its distortion is left out.
-    projector_from_camera : RigidTransform
-        Its pose.
-
-    Returns
-    -------
-    (rows, columns) ndarray of float64, mm
-        NaN where there is no point.
-    """
-    points = cloud.points.astype(np.float64)
-    rotation, shift = projector_from_camera.rotation, projector_from_camera.translation_mm
-    in_projector = points @ rotation.T + shift
-    # d(x/z) for a relative change of depth: the point moves by itself, in_projector − shift.
-    x, z = in_projector[..., 0], in_projector[..., 2]
-    slope = ((x - shift[0]) * z - x * (z - shift[2])) / z**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        phase = grey_noise * np.sqrt(2.0 / len(fringe.frames)) / decoded.modulation
-        column = phase * decoded.projector_width / (2.0 * np.pi * fringe.periods)
-        return np.asarray(column * points[..., 2] / np.abs(projector.fx * slope))
 
 
 def _check_limits(near_mm: float, far_mm: float, max_residual_px: float) -> None:

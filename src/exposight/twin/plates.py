@@ -7,7 +7,7 @@ compared with the plane itself, not with the mesh that was traced.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -63,8 +63,8 @@ class PlateDepth:
         Robust standard deviation of a pixel's depth between captures; that of a pixel of median
         predicted noise, where noise is predicted.
     predicted_noise_mm : float, mm
-        Median of what the modulation predicts (`exposight.imaging.depth_noise_mm`); NaN without
-        fringes over the projector's columns.
+        Median of what the modulation predicts (`exposight.imaging.with_sigma_z`); NaN without
+        fringes on each coded axis.
     """
 
     distance_mm: float
@@ -315,16 +315,16 @@ class PlateBench:
             return _Pixels(
                 depth, np.full(depth.size, np.nan), np.float64(shown) * capture.image.ravel()
             )
-        camera, frames = model.electronics, list(model.sequence.finest_frames)
+        frames = list(model.sequence.finest_frames)
         parts = []
         stacks = model.frames(view.light, exposure_ms, seed)
         for tile, stack in zip(view.light.tiles, stacks, strict=True):
-            cloud, noise_mm = model.points(model.decode(stack), tile.box, with_noise=True)
+            decoded, unlimited = model.decode(stack), replace(model, max_depth_noise_mm=None)
+            cloud = model.points(stack, decoded, tile.box)
+            sigma_mm = unlimited.points(stack, decoded, tile.box, with_sigma=True).sigma_z_mm
             grey = stack.frames[frames].mean(axis=0)
-            electrons = np.maximum(grey - camera.black, 0.0) / camera.gain
-            variance = camera.read_noise_e**2 + electrons + 1.0 / (12.0 * camera.gain**2)
-            noise_mm = noise_mm * np.sqrt(variance) / model.half_full_noise_e
-            parts.append((cloud.points[..., 2].ravel(), noise_mm.ravel(), shown * grey.ravel()))
+            noise_mm = np.full(grey.size, np.nan) if sigma_mm is None else sigma_mm.ravel()
+            parts.append((cloud.points[..., 2].ravel(), noise_mm, shown * grey.ravel()))
         return _Pixels(
             *(np.concatenate(arrays).astype(np.float64) for arrays in zip(*parts, strict=True))
         )

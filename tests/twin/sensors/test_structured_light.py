@@ -12,10 +12,11 @@ from exposight.imaging import (
     AxisCoding,
     Fringe,
     GrayCode,
+    GreyNoise,
     PatternSequence,
     decode,
-    depth_noise_mm,
     triangulate,
+    with_sigma_z,
 )
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.twin.light import CameraLens, LightModel, SceneTracer, trace_view
@@ -243,33 +244,31 @@ def test_a_camera_of_12_bits_sees_what_one_of_8_does(stripes, light) -> None:
 def test_depth_noise_is_predicted_and_can_be_limited(stripes, light, true_depth_mm) -> None:
     whole, again = (stripes.capture(light, 60.0, view="v", seed=(4, 5, i)).cloud for i in (0, 1))
     (stack,) = stripes.frames(light, 60.0, (4, 5, 0))
-    electronics, lamp = stripes.electronics, stripes.sensor.projector
-    middle = stack.frames[8:12].mean(axis=0)
-    electrons = (np.median(middle[whole.valid]) - electronics.black) / electronics.gain
-    predicted = depth_noise_mm(
+    (tile,) = light.tiles
+    decoded = stripes.decode(stack)
+    predicted = stripes.points(stack, decoded, tile.box, with_sigma=True).sigma_z_mm
+    scatter = (whole.points[..., 2] - again.points[..., 2]) / np.sqrt(2.0) / predicted
+    assert np.nanstd(scatter) == pytest.approx(1.0, rel=0.05)
+    # A filter takes a half full pixel's noise.
+    grey_noise = stripes.half_full_noise_e * stripes.electronics.gain
+    lamp = stripes.sensor.projector
+    filtered = with_sigma_z(
         whole,
-        decode(stack, stripes.sequence, stripes.limits),
-        stripes.sequence.columns.fringes[-1],
-        electronics.gain * np.sqrt(electronics.read_noise_e**2 + electrons),
+        stack,
+        stripes.sequence,
+        GreyNoise(dark=grey_noise**2),
         projector=lamp.camera,
         projector_from_camera=lamp.camera_from_projector.inverse(),
-    )
-    scatter = (whole.points[..., 2] - again.points[..., 2]) / np.sqrt(2.0)
-    lit = whole.valid & again.valid & (np.abs(middle - np.median(middle[whole.valid])) < 8)
-    assert scatter[lit].std() == pytest.approx(np.median(predicted[lit]), rel=0.1)
-    # A filter takes a half full pixel's noise.
-    half_full = np.sqrt(electronics.read_noise_e**2 + electronics.full_well_e / 2)
-    filtered = predicted * half_full / np.sqrt(electronics.read_noise_e**2 + electrons)
+    ).sigma_z_mm
     limit = float(np.nanmedian(filtered))
     quiet = replace(stripes, max_depth_noise_mm=limit)
     kept = quiet.capture(light, 60.0, view="v", seed=(4, 5, 0)).cloud
-    expected = whole.valid & (filtered <= limit)
-    assert (kept.valid == expected).mean() > 0.999  # points are kept in single precision
+    np.testing.assert_array_equal(kept.valid, whole.valid & (filtered <= limit))
     error = np.abs(whole.points[..., 2] - true_depth_mm)
     assert np.nanmedian(error[kept.valid]) < np.nanmedian(error[whole.valid & ~kept.valid])
     bits = AxisCoding(gray_code=GrayCode(frames=tuple(range(2, 13))))
     gray = replace(stripes.sequence, columns=bits, white_frame=0, black_frame=1)
-    with pytest.raises(SensorError, match="has none; leave out max_depth_noise_mm"):
+    with pytest.raises(SensorError, match="has an axis without; leave out max_depth_noise_mm"):
         replace(quiet, sequence=gray)
 
 

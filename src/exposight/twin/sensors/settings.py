@@ -109,7 +109,7 @@ class SensorSettings:
         When a pixel of structured light counts as decoded.
     max_depth_noise_mm : float, mm, optional
         Points whose predicted standard deviation of depth exceeds this are dropped
-        (`exposight.imaging.depth_noise_mm`), as scanners' own filters do; None keeps them.
+        (`exposight.imaging.with_sigma_z`), as scanners' own filters do; None keeps them.
     dots : DotPattern
         The slide of a sensor with two cameras.
     matching : StereoLimits

@@ -19,7 +19,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exposight.cell import (
     GREY_MAX,
@@ -37,13 +36,14 @@ from exposight.imaging import (
     DecodedMap,
     DecodingLimits,
     FrameStack,
-    Fringe,
+    GreyNoise,
     PatternSequence,
     decode,
-    depth_noise_mm,
     sequence_to_toml,
     stack_images,
     triangulate,
+    why_no_sigma,
+    with_sigma_z,
 )
 from exposight.observing import Visibility, view_features
 from exposight.twin.light import (
@@ -90,7 +90,7 @@ class StripeSensor:
     ------
     SensorError
         If there is no projector, or it is not of the sequence's size, or the depth noise of a
-        sequence without fringes over the columns is limited.
+        sequence is limited of which none follows.
     ImageError
         If camera and sequence have different bit depths.
     """
@@ -119,11 +119,10 @@ class StripeSensor:
                 f"sequence {sequence.name!r} {sequence.bit_depth}; say the same in both"
             )
             raise ImageError(msg)
-        if self.max_depth_noise_mm is not None and not self._fringes:
+        if self.max_depth_noise_mm is not None and why_no_sigma(sequence):
             msg = (
-                f"sensor {self.sensor.name!r}: depth noise is predicted from fringes over the "
-                f"projector's columns, sequence {sequence.name!r} has none; leave out "
-                "max_depth_noise_mm"
+                f"sensor {self.sensor.name!r}: depth noise is predicted from fringes, sequence "
+                f"{sequence.name!r} has an axis without; leave out max_depth_noise_mm"
             )
             raise SensorError(msg)
         self.patterns  # noqa: B018  raises where they cannot be shown
@@ -132,10 +131,6 @@ class StripeSensor:
     def patterns(self) -> Patterns:
         """What the projector shows."""
         return projected(self.sequence, self.light.projector.contrast)
-
-    @property
-    def _fringes(self) -> tuple[Fringe, ...]:
-        return () if self.sequence.columns is None else self.sequence.columns.fringes
 
     @property
     def needs_whole_frames(self) -> bool:
@@ -255,7 +250,7 @@ class StripeSensor:
         clouds, pieces = [], []
         for tile, stack in zip(light.tiles, stacks, strict=True):
             decoded = self.decode(stack)
-            clouds.append(self.points(decoded, tile.box)[0])
+            clouds.append(self.points(stack, decoded, tile.box))
             pieces.append(stack_images(stack, self.sequence, decoded, self.limits))
         if light.is_whole:
             cloud = clouds[0]
@@ -297,26 +292,26 @@ class StripeSensor:
         return decode(stack, self.sequence, self.limits, checked=False)
 
     def points(
-        self, decoded: DecodedMap, box: PixelBox, *, with_noise: bool = False
-    ) -> tuple[Cloud, NDArray[np.float64]]:
+        self, stack: FrameStack, decoded: DecodedMap, box: PixelBox, *, with_sigma: bool = False
+    ) -> Cloud:
         """Triangulate a rectangle of pixels.
 
         Parameters
         ----------
+        stack : FrameStack
+            Its frames.
         decoded : DecodedMap
-            Of its frames (`decode`).
+            What came of them (`decode`).
         box : PixelBox
             The pixels.
-        with_noise : bool
-            Predict the depth noise, even where it limits nothing.
+        with_sigma : bool
+            Give each point its standard deviation, of the camera's noise at its own brightness
+            (`exposight.imaging.with_sigma_z`), where the sequence has fringes.
 
         Returns
         -------
         Cloud
-            Organised like the rectangle.
-        (rows, columns) ndarray of float64, mm
-            Standard deviation of depth predicted for samples of `half_full_noise_e`
-            (`exposight.imaging.depth_noise_mm`); NaN where none is.
+            Organised like the rectangle, without points beyond ``max_depth_noise_mm``.
         """
         projector = projector_of(self.sensor)
         poses: dict[str, Any] = {
@@ -324,16 +319,29 @@ class StripeSensor:
             "projector_from_camera": projector.camera_from_projector.inverse(),
         }
         cloud = triangulate(decoded, camera=self.sensor.camera, window=box, **poses)
-        limit_mm = self.max_depth_noise_mm
-        if not self._fringes or (limit_mm is None and not with_noise):
-            return cloud, np.full(decoded.image_shape, np.nan)
-        camera = self.electronics
-        grey_noise = self.half_full_noise_e * camera.gain * GREY_MAX / full_scale(camera.bit_depth)
-        noise_mm = depth_noise_mm(cloud, decoded, self._fringes[-1], grey_noise, **poses)
-        if limit_mm is not None:
-            noisy = (noise_mm > limit_mm)[..., None]
+        if self.max_depth_noise_mm is not None:
+            grey_noise = self._grey_per_electron * self.half_full_noise_e
+            noise = GreyNoise(dark=grey_noise**2)
+            sigma = with_sigma_z(cloud, stack, self.sequence, noise, **poses).sigma_z_mm
+            noisy = np.asarray(sigma, dtype=np.float64)[..., None] > self.max_depth_noise_mm
             cloud = Cloud(points=np.where(noisy, np.float32(np.nan), cloud.points))
-        return cloud, noise_mm
+        if not with_sigma or why_no_sigma(self.sequence):
+            return cloud
+        return with_sigma_z(cloud, stack, self.sequence, self.grey_noise, **poses)
+
+    @property
+    def _grey_per_electron(self) -> float:
+        """Grey levels 0–255 per electron."""
+        camera = self.electronics
+        return camera.gain * GREY_MAX / full_scale(camera.bit_depth)
+
+    @property
+    def grey_noise(self) -> GreyNoise:
+        """The camera's noise as its electronics say: read-out, rounding and photons."""
+        camera, per_electron = self.electronics, self._grey_per_electron
+        read = GreyNoise.given(per_electron * camera.read_noise_e, camera.bit_depth)
+        dark = read.dark - per_electron * camera.black_level
+        return GreyNoise(dark=dark, gain=per_electron)
 
     @property
     def half_full_noise_e(self) -> float:
