@@ -15,6 +15,7 @@ from exposight.imaging import (
     PatternSequence,
     decode,
     noise_of_frames,
+    recorded_sigma_z,
     triangulate,
     why_no_sigma,
     with_sigma_z,
@@ -165,3 +166,44 @@ def test_gray_code_alone_has_no_sigma(scene):
     cloud = triangulate(decode(stack, sequence), camera=scene.camera, **poses(scene))
     with pytest.raises(ImageError, match="no sigma_z: the columns"):
         with_sigma_z(cloud, stack, sequence, GreyNoise(dark=1.0), **poses(scene))
+
+
+def test_noise_of_recorded_levels_goes_through_the_cameras_response(scene):
+    sequence = replace(sequence_of(), camera_gamma=1.8)
+    straight = frames_of(scene, sequence_of(), gamma=1 / 1.8)
+    rng = np.random.default_rng(6)
+    noisy = np.rint(straight.frames + 257.0 * rng.standard_normal(straight.frames.shape))
+    clean, noisy = (
+        FrameStack(frames=f.astype(np.uint16), bit_depth=16, response=sequence.response())
+        for f in (straight.frames, noisy)
+    )
+    cloud, other = (
+        triangulate(decode(stack, sequence), camera=scene.camera, **poses(scene))
+        for stack in (clean, noisy)
+    )
+    given, _ = recorded_sigma_z(
+        cloud, clean, sequence, decode(clean, sequence), grey_noise=1.0, **poses(scene)
+    )
+    ratio = (other.points[..., 2] - cloud.points[..., 2]) / given.sigma_z_mm
+    assert np.nanstd(ratio) == pytest.approx(1.0, abs=0.03)
+    found, remark = recorded_sigma_z(
+        other, noisy, sequence, decode(noisy, sequence), **poses(scene)
+    )
+    ratio = found.sigma_z_mm / given.sigma_z_mm
+    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.1)
+    assert not remark
+
+
+def test_three_steps_need_the_noise_from_the_sequence_or_the_caller(scene):
+    sequence = sequence_of(steps=3)
+    stack = frames_of(scene, sequence)
+    decoded = decode(stack, sequence)
+    cloud = triangulate(decoded, camera=scene.camera, **poses(scene))
+    same, why = recorded_sigma_z(cloud, stack, sequence, decoded, **poses(scene))
+    assert same.sigma_z_mm is None
+    assert "give its standard deviation" in why
+    said = replace(sequence, grey_noise=1.5)
+    known, why = recorded_sigma_z(cloud, stack, said, decoded, **poses(scene))
+    given, _ = recorded_sigma_z(cloud, stack, sequence, decoded, grey_noise=1.5, **poses(scene))
+    assert not why
+    np.testing.assert_array_equal(known.sigma_z_mm, given.sigma_z_mm)

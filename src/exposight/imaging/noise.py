@@ -27,7 +27,7 @@ from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.geometry.cameras import distort_point
 from exposight.imaging.decoded import DecodedMap
 from exposight.imaging.decoding import phase_solver
-from exposight.imaging.frames import FrameStack
+from exposight.imaging.frames import FrameStack, Levels
 from exposight.imaging.sequences import Fringe, PatternSequence
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +55,8 @@ class GreyNoise:
     gain : float, grey levels 0–255
         Variance for each grey level: photon noise.
     source : {'recording', 'given'}
-        Whether it was found from frames (`noise_of_frames`).
+        Whether it was found from frames (`noise_of_frames`), in proportion to light, or is that of
+        recorded grey levels; with a response of the camera these differ.
     systematic : float, grey levels 0–255
         Root mean square of what the frames have beside a sine and noise: harmonics of a gamma,
         flicker, motion.
@@ -150,8 +151,8 @@ def noise_of_frames(
     if not fringes or pixels.size < _FEWEST_PIXELS:
         return None
     pixels = pixels[:: -(-pixels.size // _MOST_PIXELS)]
-    frames = stack.frames.reshape(stack.n_frames, -1)
-    scale = GREY_MAX / stack.full_scale
+    light = stack.light()
+    frames, scale = light.frames.reshape(stack.n_frames, -1), light.scale
     found = []
     for fringe, coordinate, size, finest in fringes:
         samples = scale * frames[np.array(fringe.frames)[:, None], pixels]
@@ -266,9 +267,9 @@ def with_sigma_z(
     finest = [(name, coding.fringes[-1], size) for name, coding, size in sequence.axes()]
     solvers = [phase_solver(fringe.shifts_deg) for _, fringe, _ in finest]
     sigma = np.empty(stack.image_shape, dtype=np.float32)
-    scale = GREY_MAX / stack.full_scale
     _propagate(
         cloud.points,
+        stack.light().frames,
         stack.frames,
         np.concatenate([fringe.frames for _, fringe, _ in finest]).astype(np.int64),
         np.cumsum([0, *(len(fringe.frames) for _, fringe, _ in finest)]),
@@ -276,8 +277,7 @@ def with_sigma_z(
         np.concatenate([solver[2] for solver in solvers]),
         np.array([size / (2.0 * np.pi * fringe.periods) for _, fringe, size in finest]),
         np.array([name == "rows" for name, _, _ in finest], dtype=np.int64),
-        noise.dark / scale**2,
-        noise.gain / scale,
+        _variance_of_levels(stack, noise),
         np.ascontiguousarray(projector_from_camera.rotation),
         np.ascontiguousarray(projector_from_camera.translation_mm),
         projector.image_from_distorted,
@@ -285,6 +285,18 @@ def with_sigma_z(
         sigma,
     )
     return Cloud(points=cloud.points, sigma_z_mm=sigma)
+
+
+def _variance_of_levels(stack: FrameStack, noise: GreyNoise) -> FloatArray:
+    """Return the variance of a sample's light at each recorded grey level, in frames' units."""
+    levels = np.arange(stack.full_scale + 1.0)
+    light = levels if stack.response is None else stack.response
+    slope = np.gradient(light)
+    scale = GREY_MAX / stack.full_scale
+    dark, gain = noise.dark / scale**2, noise.gain / scale
+    if noise.source == "given":
+        return np.asarray(slope**2 * np.maximum(dark + gain * levels, _ROUNDED))
+    return np.asarray(np.maximum(dark + gain * light, slope**2 * _ROUNDED))
 
 
 def recorded_sigma_z(
@@ -339,15 +351,15 @@ def recorded_sigma_z(
 @njit(parallel=True, error_model="numpy")
 def _propagate(
     points: NDArray[np.float32],
-    frames: Image,
+    frames: Levels,
+    recorded: Image,
     frame: NDArray[np.int64],
     first: NDArray[np.int64],
     to_cosine: FloatArray,
     to_sine: FloatArray,
     px_per_radian: FloatArray,
     axes: NDArray[np.int64],
-    dark: float,
-    gain: float,
+    variance_of: FloatArray,
     rotation: FloatArray,
     translation: FloatArray,
     h: FloatArray,
@@ -371,8 +383,7 @@ def _propagate(
                     sine += to_sine[j] * sample
                 for j in range(first[i], first[i + 1]):
                     weight = cosine * to_sine[j] - sine * to_cosine[j]
-                    noise = max(dark + gain * frames[frame[j], r, c], _ROUNDED)
-                    variance += weight * weight * noise
+                    variance += weight * weight * variance_of[recorded[frame[j], r, c]]
                 square = cosine * cosine + sine * sine
                 variance *= (px_per_radian[i] / square) ** 2
                 along = slope[axes[i]] * slope[axes[i]]
