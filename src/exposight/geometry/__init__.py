@@ -17,6 +17,7 @@ from exposight.geometry.cylinders import (
     pixel_boxes,
     ring_pixels,
 )
+from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
 from exposight.geometry.stereo_calibrations import (
     StereoCameras,

@@ -21,7 +21,7 @@ from exposight.imaging.sequence_files import (
 )
 from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
 from exposight.imaging.stacks import mean_image, stack_images, window_images
-from exposight.imaging.stereo import StereoLimits, match_pair
+from exposight.imaging.stereo import StereoLimits, match_pair, stereo_by_images
 from exposight.imaging.stereo_codes import match_codes, stereo_by_codes
 from exposight.imaging.stereo_match import MatchOutcome, StereoMatch
 from exposight.imaging.triangulation import triangulate

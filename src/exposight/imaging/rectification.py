@@ -3,6 +3,8 @@
 Both look as if taken by one ideal camera at either place, whose x axis runs along the baseline.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import ImageError, SensorError
-from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.geometry import PinholeCamera, RigidTransform, averaged_camera
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 
@@ -59,6 +61,25 @@ class RectifiedPair:
         first_map, second_map = self._pixel_maps
         return _remap(first, first_map), _remap(second, second_map)
 
+    def downsampled(self, ratio: int) -> RectifiedPair:
+        """Return the pair of the images averaged over ratio × ratio px; kept."""
+        if ratio not in self._smaller:
+            first, second = (averaged_camera(each, ratio) for each in (self.first, self.second))
+            self._smaller[ratio] = rectify(first, second, self.first_from_second)
+        return self._smaller[ratio]
+
+    @cached_property
+    def _smaller(self) -> dict[int, RectifiedPair]:
+        return {}
+
+    @property
+    def first_from_second(self) -> RigidTransform:
+        """Where the second camera is, seen from the first."""
+        back = self.rectified_from_first.T
+        return RigidTransform(
+            rotation=back @ self.rectified_from_second, translation_mm=self.baseline_mm * back[:, 0]
+        )
+
     @cached_property
     def _pixel_maps(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
         return (
@@ -100,6 +121,14 @@ class RectifiedPair:
         towards = self.rectified_from_first[2]
         scale = rays @ towards[:2] + towards[2]
         return float(np.nanmin(scale)), float(np.nanmax(scale))
+
+
+def averaged(image: NDArray[np.uint8], ratio: int) -> NDArray[np.uint8]:
+    """Return an image averaged over ratio × ratio px; what is left at its end is cut off."""
+    rows, columns = (size // ratio for size in image.shape)
+    cut = image[: rows * ratio, : columns * ratio]
+    small = cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8)
 
 
 def rectify(

@@ -11,7 +11,8 @@ The cloud is organised like the first camera's own image, as recorded, in that c
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import cv2
 import numba
@@ -20,8 +21,13 @@ from numpy.typing import NDArray
 
 from exposight.cell import Cloud
 from exposight.compiled import njit
+from exposight.contradictions import settle
 from exposight.errors import ImageError
-from exposight.imaging.rectification import ON_GRID_PX, RectifiedPair
+from exposight.imaging.rectification import ON_GRID_PX, RectifiedPair, averaged
+from exposight.imaging.stereo_match import MatchOutcome, StereoMatch, check_sizes
+from exposight.imaging.stereo_rows import check_rows
+
+_NO_PARTNER, _OUTSIDE = np.uint8(MatchOutcome.NO_PARTNER), np.uint8(MatchOutcome.OUTSIDE)
 
 _STEP = 16  # disparities come in 1/16 px, and their number must be a multiple of 16
 _LARGEST_DISPARITY_PX = 2000  # 1/16 px in 16 bits
@@ -102,6 +108,14 @@ def matchable(image: NDArray[np.uint8], limits: StereoLimits | None = None) -> N
         If the image is not (rows, columns) of uint8.
     """
     limits = limits or StereoLimits()
+    textured, unclipped = _judged(image, limits)
+    return textured & unclipped
+
+
+def _judged(
+    image: NDArray[np.uint8], limits: StereoLimits
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell round which pixels an image has texture, and round which it is not clipped."""
     if image.ndim != 2 or image.dtype != np.uint8 or not image.size:
         msg = (
             "stereo matching needs grey images (rows, columns) of uint8, got "
@@ -114,7 +128,7 @@ def matchable(image: NDArray[np.uint8], limits: StereoLimits | None = None) -> N
     squares = cv2.sqrBoxFilter(image, cv2.CV_64F, window, normalize=False)
     clipped = cv2.boxFilter((image == 255).astype(np.uint8), cv2.CV_32F, window, normalize=False)
     textured = n * squares - total**2 > (n * limits.min_texture) ** 2
-    return np.asarray(textured & (clipped < limits.max_clipped * n))
+    return np.asarray(textured), np.asarray(clipped < limits.max_clipped * n)
 
 
 def match_pair(
@@ -124,6 +138,7 @@ def match_pair(
     *,
     depth_limits_mm: tuple[float, float],
     limits: StereoLimits | None = None,
+    downsample: int = 1,
 ) -> Cloud:
     """Match two images and return the points that they show.
 
@@ -138,38 +153,90 @@ def match_pair(
         near limit is.
     limits : StereoLimits, optional
         When a match counts.
+    downsample : int
+        Match at this fraction of the resolution: 2 averages 2 × 2 px, as sensors do whose clouds
+        have half or a quarter of the image's rows and columns. Quicker by its cube.
 
     Returns
     -------
     Cloud
-        Organised like the first image, in the first camera's frame. NaN where nothing matches
-        uniquely and both ways, where either image is clipped or has no texture, and outside the
-        limits.
+        Organised like the first image, or like the averaged one, in the first camera's frame. NaN
+        where nothing matches uniquely and both ways, where either image is clipped or has no
+        texture, and outside the limits.
 
     Raises
     ------
     ImageError
         If an image is not of its camera's size or not uint8, or the limits make no sense.
     """
+    return _match(first_image, second_image, pair, depth_limits_mm, limits, downsample).cloud
+
+
+def stereo_by_images(
+    first_image: NDArray[np.uint8],
+    second_image: NDArray[np.uint8],
+    pair: RectifiedPair,
+    *,
+    depth_limits_mm: tuple[float, float],
+    limits: StereoLimits | None = None,
+    downsample: int = 1,
+    others: Mapping[str, RectifiedPair] | None = None,
+    despite: Collection[str] = (),
+) -> StereoMatch:
+    """Match as `match_pair`, after a check that rows correspond; tell why pixels have no point.
+
+    Parameters
+    ----------
+    others : mapping of str to RectifiedPair, optional
+        What else the cameras may be, to be tried where rows do not correspond (`check_rows`).
+    despite : collection of str
+        Names of checks that are to be passed over (`settle`).
+
+    Raises
+    ------
+    ContradictionError
+        If the images' rows do not correspond.
+    """
+    check_sizes(pair, first_image.shape, second_image.shape)
+    contradiction = check_rows(
+        first_image, second_image, pair, depth_limits_mm=depth_limits_mm, others=others
+    )
+    found = settle([contradiction], despite)
+    match = _match(first_image, second_image, pair, depth_limits_mm, limits, downsample)
+    return replace(match, contradictions=found)
+
+
+def _match(
+    first_image: NDArray[np.uint8],
+    second_image: NDArray[np.uint8],
+    pair: RectifiedPair,
+    depth_limits_mm: tuple[float, float],
+    limits: StereoLimits | None,
+    downsample: int,
+) -> StereoMatch:
     limits = limits or StereoLimits()
+    images = (first_image, second_image)
+    judged = [_judged(image, limits) for image in images]
+    check_sizes(pair, first_image.shape, second_image.shape)
+    if downsample != 1:
+        pair = pair.downsampled(downsample)
+        images = (averaged(first_image, downsample), averaged(second_image, downsample))
+        # Averaging hides clipped pixels.
+        unclipped = [
+            each[downsample // 2 :: downsample, downsample // 2 :: downsample] for _, each in judged
+        ]
+        judged = [
+            (_judged(image, limits)[0], each[: image.shape[0], : image.shape[1]])
+            for image, each in zip(images, unclipped, strict=True)
+        ]
+    masks = [textured & unclipped for textured, unclipped in judged]
     lowest, count = _disparity_range(pair, depth_limits_mm)
-    masks = matchable(first_image, limits), matchable(second_image, limits)
-    for name, image, camera in (
-        ("first", first_image, pair.first),
-        ("second", second_image, pair.second),
-    ):
-        if image.shape != (camera.height, camera.width):
-            size = " × ".join(map(str, image.shape[::-1]))
-            msg = (
-                f"the {name} image has {size} px, its camera {camera.width} × {camera.height}; use "
-                "the calibration of the camera that took it, at the same resolution"
-            )
-            raise ImageError(msg)
-    first, second = pair.turn(first_image, second_image)
+    first, second = pair.turn(*images)
     steps = _disparities(first, second, lowest, count)
-    _reject(steps, *pair.turn(*masks), lowest)
+    _reject(steps, *pair.turn(masks[0], masks[1]), lowest)
     cv2.filterSpeckles(steps, (lowest - 1) * _STEP, _ISLAND_PX, _STEP)
-    points = np.empty((*first_image.shape, 3), dtype=np.float32)
+    points = np.empty((*images[0].shape, 3), dtype=np.float32)
+    outcome = np.full(images[0].shape, MatchOutcome.MATCHED, dtype=np.uint8)
     _fill_points(
         pair.first.rays(),
         _refined(first, second, steps, lowest),
@@ -177,23 +244,23 @@ def match_pair(
         (pair.camera.fx, pair.camera.cx, pair.camera.cy, pair.baseline_mm),
         (float(depth_limits_mm[0]), float(depth_limits_mm[1])),
         points,
+        outcome,
     )
-    return Cloud(points=points)
+    textured, clear = judged[0]
+    missing = outcome == MatchOutcome.NO_PARTNER
+    outcome[missing & ~textured] = MatchOutcome.NO_TEXTURE
+    outcome[missing & ~clear] = MatchOutcome.CLIPPED
+    return StereoMatch(cloud=Cloud(points=points), outcome=outcome)
 
 
 def _disparity_range(pair: RectifiedPair, depth_limits_mm: tuple[float, float]) -> tuple[int, int]:
     """Return the lowest disparity in px and how many are tried."""
-    near_mm, far_mm = depth_limits_mm
-    if not 0 < near_mm < far_mm < math.inf:
-        msg = f"stereo matching needs 0 < near < far in mm, got {near_mm} and {far_mm}"
-        raise ImageError(msg)
-    least, greatest = pair.depth_scale()
-    lowest = math.floor(pair.disparity_px(far_mm * greatest)) - 1
-    highest = math.ceil(pair.disparity_px(near_mm * least)) + 1
+    least_px, greatest_px = pair.disparity_range(depth_limits_mm)
+    lowest, highest = math.floor(least_px) - 1, math.ceil(greatest_px) + 1
     if highest > _LARGEST_DISPARITY_PX:
-        nearest_mm = pair.disparity_px(1.0) / (_LARGEST_DISPARITY_PX - 1) / least
+        nearest_mm = pair.disparity_px(1.0) / (_LARGEST_DISPARITY_PX - 1) / pair.depth_scale()[0]
         msg = (
-            f"at {near_mm:g} mm the images are {highest} px apart, more than "
+            f"at {depth_limits_mm[0]:g} mm the images are {highest} px apart, more than "
             f"{_LARGEST_DISPARITY_PX}; raise the near limit to {math.ceil(nearest_mm)} mm or more"
         )
         raise ImageError(msg)
@@ -340,8 +407,9 @@ def _fill_points(
     numbers: tuple[float, float, float, float],
     depth_limits: tuple[float, float],
     points: NDArray[np.float32],
+    outcome: NDArray[np.uint8],
 ) -> None:
-    """Fill the points (rows, columns, 3) of the first camera's pixels."""
+    """Fill the points (rows, columns, 3) of the first camera's pixels, and change outcomes."""
     focal, cx, cy, baseline = numbers
     near, far = depth_limits
     for r in numba.prange(points.shape[0]):
@@ -349,6 +417,7 @@ def _fill_points(
             points[r, c, :] = np.nan
             x, y = rays[r, c, 0], rays[r, c, 1]
             if np.isnan(x):
+                outcome[r, c] = _NO_PARTNER
                 continue
             ahead = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
             u = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) / ahead * focal + cx
@@ -358,3 +427,5 @@ def _fill_points(
                 points[r, c, 0] = x * z
                 points[r, c, 1] = y * z
                 points[r, c, 2] = z
+            else:
+                outcome[r, c] = _NO_PARTNER if np.isnan(z) else _OUTSIDE
