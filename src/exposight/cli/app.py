@@ -24,7 +24,7 @@ COMMANDS = {
     "next": "Say what to capture next, one step of the closed loop.",
     "simulate": "Carry out a measuring plan in a simulated cell.",
     "sensor": "Describe a sensor from its calibration.",
-    "decode": "Decode recorded stripe frames to an organised point cloud.",
+    "decode": "Decode recorded stripe frames, or a stereo pair, to an organised point cloud.",
     "observe": "Measure quality, brightness and pose of every feature in every capture.",
     "merge": "Merge captures of a view at several exposure times into one (HDR).",
     "split": "Split an observation table into training and test data.",

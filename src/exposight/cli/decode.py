@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from exposight import imaging
 from exposight.cell import Cloud, write_cloud
 from exposight.cli.app import UsageError
+from exposight.cli.decode_stereo import NO_PAIR, StereoOptions, decode_stereo
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError
@@ -34,11 +35,11 @@ _MEANINGS = {
 
 
 def decode_command(
-    folder: Path,
+    folder: Path | None = None,
     /,
     *,
-    calibration: Annotated[Path, Parameter(alias="-c")],
-    sequence: Annotated[str, Parameter(alias="-s", metavar="NAME|FILE")],
+    calibration: Annotated[Path | None, Parameter(alias="-c")] = None,
+    sequence: Annotated[str | None, Parameter(alias="-s", metavar="NAME|FILE")] = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     preview: Path | None = None,
     depth_limits_mm: Annotated[
@@ -48,8 +49,9 @@ def decode_command(
     despite: Annotated[tuple[str, ...], Parameter(metavar="CHECK")] = (),
     grey_noise: Annotated[float | None, Parameter(validator=Number(gt=0, lt=255))] = None,
     limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
+    pair: StereoOptions = NO_PAIR,
 ) -> Result:
-    """Decode recorded stripe frames to an organised point cloud.
+    """Decode recorded stripe frames, or a stereo pair, to an organised point cloud.
 
     Gray code or phase shift gives each camera pixel its projector column (and row, where coded);
     the point is where the pixel's ray meets the light of that column. The cloud is in mm in the
@@ -59,13 +61,18 @@ def decode_command(
 
         exposight decode scan1/ -c calibration.xml -s skull_2x3 -o cloud.ply
 
+        exposight decode --stereo left.png right.png --sensor sensor.json -o cloud.ply
+
+        exposight decode --stereo left/ right/ --sensor sensor.json -s board -o cloud.ply
+
     Parameters
     ----------
     folder
         Folder of recorded frames.
     calibration
         Camera, projector and the pose between them: OpenCV YAML or XML, with the names that
-        SLStudio or procam-calibration use.
+        SLStudio or procam-calibration use. With --stereo, of two cameras: OpenCV's M1 D1 M2 D2 R T,
+        or the left camera's ROS camera_info.
     sequence
         What each frame shows: skull_gray, skull_2x3, board, or a TOML file.
     output
@@ -83,7 +90,6 @@ def decode_command(
         Standard deviation of the camera's noise in grey levels of 255, from which that of each
         point follows; found from the frames themselves where a fringe has four steps or more.
     """
-    check_names(despite, FRAME_CHECKS)
     near_mm, far_mm = depth_limits_mm
     if not 0 <= near_mm < far_mm:
         msg = f"--depth-limits needs 0 ≤ NEAR < FAR in mm, got {near_mm:g} {far_mm:g}"
@@ -91,6 +97,30 @@ def decode_command(
     if preview is not None and preview.suffix.lower() != ".png":
         msg = f"--preview writes PNG; got the name {preview.name}"
         raise UsageError(msg)
+    if options := pair.options():
+        if pair.stereo is None or {folder, projector_size, grey_noise} != {None}:
+            msg = (
+                f"{', '.join(options)}: a stereo pair is given with --stereo LEFT RIGHT alone, "
+                "without a folder before it, --projector-size and --grey-noise"
+            )
+            raise UsageError(msg)
+        return decode_stereo(
+            pair,
+            calibration=calibration,
+            sequence=sequence,
+            output=output,
+            preview=preview,
+            depth_limits_mm=depth_limits_mm,
+            despite=despite,
+            limits=limits,
+        )
+    if folder is None or calibration is None or sequence is None:
+        msg = (
+            "give a folder of frames with --calibration and --sequence, or a stereo pair with "
+            "--stereo"
+        )
+        raise UsageError(msg)
+    check_names(despite, FRAME_CHECKS)
     files = [
         Written.at(path, kind)
         for path, kind in ((output, "cloud"), (preview, "preview"))

@@ -8,6 +8,8 @@ stereo depth maps using structured light*, CVPR 2003).
 """
 
 import math
+from collections.abc import Collection
+from dataclasses import replace
 from typing import NamedTuple
 
 import numba
@@ -43,6 +45,8 @@ _LEAST_SLOPE = 0.05
 """Projector px a px: less than any projector's, to divide by."""
 _NEAREST_MM, _FARTHEST_MM = 1.0, 1e9
 """In place of limits of 0 and infinity."""
+_FEW = 0.05
+"""If so few of the decoded pixels match, the recordings may be swapped."""
 _SAMPLED = 7
 """Every so many rows and columns are enough for medians."""
 
@@ -89,10 +93,34 @@ def stereo_by_codes(
     pair: RectifiedPair,
     *,
     depth_limits_mm: tuple[float, float],
+    despite: Collection[str] = (),
 ) -> StereoMatch:
-    """Match as `match_codes`, and tell why the other pixels have no point."""
+    """Match as `match_codes`, and tell why the other pixels have no point.
+
+    Parameters
+    ----------
+    despite : collection of str
+        Names of checks that are to be passed over (`settle`).
+    """
     check_sizes(pair, first.image_shape, second.image_shape)
     _check_maps(first, second)
+    match, offsets_px = _match(first, second, pair, depth_limits_mm)
+    tried = {}
+    looked_for = int(np.count_nonzero(first.valid))
+    if match.cloud.n_valid < _FEW * looked_for and first.image_shape == second.image_shape:
+        swapped = _match(second, first, pair, depth_limits_mm)[0].cloud.n_valid
+        tried["swapping both recordings"] = swapped / max(np.count_nonzero(second.valid), 1)
+    found = settle([rows_correspond(offsets_px, looked_for, tried)], despite)
+    return replace(match, contradictions=found)
+
+
+def _match(
+    first: DecodedMap,
+    second: DecodedMap,
+    pair: RectifiedPair,
+    depth_limits_mm: tuple[float, float],
+) -> tuple[StereoMatch, NDArray[np.float32]]:
+    """Match; also return how many px off their rows the matches lie, where both axes are coded."""
     near_mm, far_mm = max(depth_limits_mm[0], _NEAREST_MM), min(depth_limits_mm[1], _FARTHEST_MM)
     lowest_px, highest_px = pair.disparity_range((near_mm, far_mm))
     along = _turned_map(second, pair)
@@ -135,8 +163,7 @@ def stereo_by_codes(
         outcome,
     )
     offsets = row_offsets_px[np.isfinite(row_offsets_px)]
-    contradictions = settle([rows_correspond(offsets, offsets.size)])
-    return StereoMatch(cloud=Cloud(points=points), outcome=outcome, contradictions=contradictions)
+    return StereoMatch(cloud=Cloud(points=points), outcome=outcome), offsets
 
 
 def _check_maps(first: DecodedMap, second: DecodedMap) -> None:
