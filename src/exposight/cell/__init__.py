@@ -8,7 +8,7 @@ from exposight.cell.campaign import (
     write_numbered_capture,
 )
 from exposight.cell.capture import Capture, CaptureKey
-from exposight.cell.cloud import CLOUD_SUFFIXES, Cloud, read_cloud, write_cloud
+from exposight.cell.cloud import CLOUD_SUFFIXES, LENGTH_UNITS_MM, Cloud, read_cloud, write_cloud
 from exposight.cell.driver import Driver
 from exposight.cell.feature_files import read_features, write_features
 from exposight.cell.image import (

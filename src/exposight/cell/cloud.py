@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -176,7 +176,13 @@ LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, 
 """Units that the coordinates of a cloud's file may have, in mm."""
 
 
-def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "mm") -> Cloud:
+def read_cloud(
+    path: Path,
+    *,
+    size: tuple[int, int] | None = None,
+    unit: str = "mm",
+    axes: Sequence[str] = ("x", "y", "z"),
+) -> Cloud:
     """Read a point cloud; the file's suffix gives its format.
 
     Parameters
@@ -187,6 +193,9 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
         Rows and columns of the image, for an organised cloud whose file does not hold them.
     unit : {'mm', 'cm', 'm'}
         Unit of the file's coordinates, which files do not state; the cloud is in mm.
+    axes : (str, str, str)
+        Which of the file's axes are x, y and z of the camera: ("x", "-y", "-z") for a file made
+        for viewers that use OpenGL, whose y is up and whose z points towards the viewer.
 
     Raises
     ------
@@ -197,10 +206,13 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
     DamagedFileError
         If it is empty or cut off.
     CloudError
-        If the number of points is not rows × columns, or the unit is another.
+        If the number of points is not rows × columns, or the unit or an axis is another.
     """
     path = Path(path)
     read, _ = _format(path)
+    if sorted(name.removeprefix("-") for name in axes) != ["x", "y", "z"]:
+        msg = f"the axes of a cloud are x, y and z, each with or without -, got {' '.join(axes)}"
+        raise CloudError(msg)
     if unit not in LENGTH_UNITS_MM:
         msg = f"the unit of a cloud must be {', '.join(LENGTH_UNITS_MM)}, got {unit!r}"
         raise CloudError(msg)
@@ -212,6 +224,10 @@ def read_cloud(path: Path, *, size: tuple[int, int] | None = None, unit: str = "
         cloud = read(data, path)
         if unit != "mm":
             cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
+        if tuple(axes) != ("x", "y", "z"):
+            order = ["xyz".index(name.removeprefix("-")) for name in axes]
+            signs = np.array([-1.0 if name.startswith("-") else 1.0 for name in axes], np.float32)
+            cloud = replace(cloud, points=cloud.points[..., order] * signs)
         return cloud if size is None else cloud.organise(*size)
     except CloudError as error:
         msg = f"{path}: {error}"

@@ -1,6 +1,6 @@
 """``exposight observe``: captures to a table of observations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -51,6 +51,9 @@ class SingleCapture(PoseOptions):
         Point cloud in the camera's frame.
     cloud_unit
         Unit of the cloud (mm by default); its file does not say.
+    cloud_axes
+        Which of the file's axes are the camera's x (right), y (down) and z (ahead): x -y -z for a
+        cloud made for viewers that use OpenGL.
     features
         The part's features, CSV (docs/formats.md).
     sensor
@@ -67,6 +70,7 @@ class SingleCapture(PoseOptions):
     channel: Channel | None = None
     cloud: Path | None = None
     cloud_unit: Literal["mm", "cm", "m"] | None = None
+    cloud_axes: Annotated[tuple[str, str, str] | None, Parameter(allow_leading_hyphen=True)] = None
     features: Path | None = None
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     exposure_ms: float | None = None
@@ -111,7 +115,9 @@ class SingleCapture(PoseOptions):
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
             image=cast("cell.Image", image.astype(stack.frames.dtype)),
-            cloud=cell.read_cloud(self.cloud, unit=self.cloud_unit or "mm"),
+            cloud=cell.read_cloud(
+                self.cloud, unit=self.cloud_unit or "mm", axes=self.cloud_axes or ("x", "y", "z")
+            ),
             camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,
             brightness_source=self.brightness_source or "stripe",
@@ -147,6 +153,7 @@ def observe_command(
     output: Annotated[Path, Parameter(alias="-o")] = Path("observations.csv"),
     finish: str | None = None,
     tolerance: Annotated[cell.RingTolerance, _REGION] = cell.PAPER_TOLERANCE,
+    despite: tuple[str, ...] = (),
     single: SingleCapture = _NO_CAPTURE,
 ) -> Result:
     r"""Measure quality, brightness and pose of every feature in every capture.
@@ -172,6 +179,8 @@ def observe_command(
     finish
         Name of the surface that all features are on, such as primer; by default what the campaign
         says of each.
+    despite
+        Go on in spite of contradictory inputs: names of checks (docs/contradictions.md).
     """
     if finish is not None and not finish.strip():
         msg = "--finish needs the name of a surface, such as primer"
@@ -180,9 +189,9 @@ def observe_command(
     file = Written.at(output, "observations", inputs=inputs)
     source = _source(campaign, single)
     with progress_bars() as progress:
-        table = observe_campaign(source, tolerance, progress=progress)
+        table = observe_campaign(source, tolerance, progress=progress, despite=despite)
     if finish is not None:
-        table = ObservationTable(frame=table.frame.with_columns(finish=pl.lit(finish.strip())))
+        table = replace(table, frame=table.frame.with_columns(finish=pl.lit(finish.strip())))
     table.write(output)
     emulated = int(table.frame["emulated"].sum())
     return Result(
@@ -197,7 +206,7 @@ def observe_command(
             fact("emulated_rows", emulated, count(emulated) if emulated else ""),
         ),
         tables=(visibility_table(table), *_measured(table)),
-        notes=tuple(_notes(table)),
+        contradictions=table.contradictions,
         files=(file,),
     )
 
@@ -261,16 +270,3 @@ def _measured(table: ObservationTable) -> list[Table]:
         Column(name="visibility", wraps=True),
     )
     return [ranges, Table(name="observations", frame=table.frame, columns=columns)]
-
-
-def _notes(table: ObservationTable) -> list[str]:
-    if len(table.measured()) == 0:
-        return ["no feature could be measured; check the pose and its unit"]
-    if (table.frame["p_norm"].fill_null(0.0) > 0.0).any():
-        return []
-    return [
-        "every p_norm is 0: no point of any cloud lies near any feature. If the images are not "
-        "all dark or clipped, check that features are in mm, and clouds too (if not, give "
-        "--cloud-unit), that clouds are in the camera's frame, and that the pose is that of the "
-        "part seen from the camera"
-    ]

@@ -8,7 +8,8 @@ capture's image, and the pose is that of the feature in the sensor's TCP frame.
 import base64
 import html
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,18 +17,18 @@ from typing import Any
 import numpy as np
 
 from exposight import cell
-from exposight.errors import CloudError, InputError
+from exposight.contradictions import Contradiction, clouds, rings, settle
+from exposight.errors import CloudError, ContradictionError, InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
+from exposight.observing.capture_checks import capture_contradictions
+from exposight.observing.readings import reading_that_fits, why_not_visible
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
 from exposight.workers import Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
-
-_TOO_NEAR = 500.0
-"""A cloud in m lies 1000 times nearer than one in mm; none in mm lies 500 times too near."""
 
 _NO_COLUMNS: Mapping[str, Any] = MappingProxyType({})
 
@@ -62,33 +63,82 @@ def observe_capture(
 
 
 class Observer:
-    """Observes captures of a part one after the other; those of one pose share their masks."""
+    """Observes captures of a part one after the other; those of one pose share their masks.
+
+    Parameters
+    ----------
+    part : Part
+        What is observed.
+    sensor : ActiveSensor
+        What takes the captures.
+    tolerance : RingTolerance
+        Height and radii of the hollow cylinders.
+    despite : collection of str
+        Names of checks whose errors are accepted (`exposight.contradictions`).
+
+    Attributes
+    ----------
+    contradictions : tuple of Contradiction
+        What did not agree so far, where the rows may still be right.
+    """
 
     def __init__(
         self,
         part: cell.Part,
         sensor: cell.ActiveSensor,
         tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
+        *,
+        despite: Collection[str] = (),
     ) -> None:
         self._part, self._sensor, self._tolerance = part, sensor, tolerance
+        self._despite = despite
+        self.contradictions: tuple[Contradiction, ...] = ()
         self._pose: RigidTransform | None = None
         self._views: tuple[masks.FeatureView, ...] = ()
         self._shared: dict[str, Any] = {}
 
     def observe(self, capture: cell.Capture) -> list[Observation]:
-        """Return an observation of each feature, in the part's order (`observe_capture`)."""
+        """Return an observation of each feature, in the part's order (`observe_capture`).
+
+        Raises
+        ------
+        ContradictionError
+            If what the capture says of itself cannot be true.
+        """
         if capture.camera_from_part != self._pose:
             self._pose = capture.camera_from_part
             self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
             self._shared = masks.shared_columns(self._part, self._sensor, self._pose)
         search = masks.point_search(capture.require_cloud(), self._sensor.camera)
-        return observe_capture(capture, self._views, search, self._shared)
+        rows = observe_capture(capture, self._views, search, self._shared)
+        found = [
+            self._explained(each, capture)
+            for each in capture_contradictions(capture, self._sensor, self._views, rows)
+            if each is not None
+        ]
+        if found:
+            try:
+                settled = settle(found, self._despite)
+            except ContradictionError as error:
+                msg = f"{capture}: {error}"
+                raise ContradictionError(msg, error.contradictions) from error
+            self.contradictions = tuple(dict.fromkeys((*self.contradictions, *settled)))
+        return rows
+
+    def _explained(self, found: Contradiction, capture: cell.Capture) -> Contradiction:
+        """Return a contradiction with the reading that explains it, if one does."""
+        if found.check not in {clouds.BEHIND, rings.ELSEWHERE}:
+            return found
+        reading = reading_that_fits(capture, self._part, self._sensor, self._tolerance)
+        return found if reading is None else replace(found, explanation=str(reading))
 
 
 def observe_campaign(
     campaign: cell.CaptureSource,
     tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
     progress: Progress = ignore_progress,
+    *,
+    despite: Collection[str] = (),
 ) -> ObservationTable:
     """Observe every feature in every capture of a campaign, one capture in memory at a time.
 
@@ -100,24 +150,35 @@ def observe_campaign(
         Height and radii of the hollow cylinder; the paper's by default.
     progress : Progress
         Receives the captures that are observed.
+    despite : collection of str
+        Names of checks whose errors are accepted (`exposight.contradictions`).
+
+    Returns
+    -------
+    ObservationTable
+        Its ``contradictions`` are those under which it may still be right.
 
     Raises
     ------
     CloudError
-        If a capture was kept without its cloud, no cloud has a valid point, or clouds are in
-        metres: every p_norm would be 0, which nobody measured. (One dark or clipped capture
-        without any point is an observation like others: its p_norm is 0.)
+        If a capture was kept without its cloud, or no cloud has a valid point. (One dark or
+        clipped capture without any point is an observation like others: its p_norm is 0.)
+    ObservationError
+        If no feature could be measured in any capture.
+    ContradictionError
+        If the inputs contradict themselves: clouds in metres or with turned axes, another camera's
+        image, a pose that is the inverse one, a cloud thinner than the image …
     """
     rows: list[Observation] = []
-    observer = Observer(campaign.part, campaign.sensor, tolerance)
-    some_cloud: cell.Cloud | None = None
+    observer = Observer(campaign.part, campaign.sensor, tolerance, despite=despite)
+    some: cell.Capture | None = None
     for done, capture in enumerate(campaign.captures(), start=1):
         cloud = capture.require_cloud()
-        if some_cloud is None and cloud.n_valid:
-            some_cloud = cloud
+        if some is None and cloud.n_valid:
+            some = capture
         rows.extend(observer.observe(capture))
         progress("observing", done, len(campaign))
-    if rows and some_cloud is None:
+    if rows and some is None:
         msg = (
             f"campaign '{campaign.name}': none of its {len(campaign)} clouds has a valid point "
             "(NaN and all-zero points are missing ones); expected clouds in mm in the camera's "
@@ -126,29 +187,49 @@ def observe_campaign(
         raise CloudError(msg)
     logger.info("observed %d captures, %d rows", len(campaign), len(rows))
     table = ObservationTable.from_observations(rows)
-    if some_cloud is not None:
-        _check_unit(campaign, table.measured(), some_cloud)
-    return table
+    found = () if some is None else _measured_somewhere(table, some, campaign, tolerance)
+    settled = settle((*observer.contradictions, *found), despite)
+    return replace(table, contradictions=settled)
 
 
-def _check_unit(
-    campaign: cell.CaptureSource, measured: ObservationTable, cloud: cell.Cloud
-) -> None:
-    """Refuse clouds in metres, which lie 1000 times nearer to the sensor than the features."""
-    if len(measured) == 0 or (measured.array(["p_norm"]) > 0.0).any():
-        return
-    features_mm = campaign.sensor.camera_from_tcp.apply(measured.array(["x_mm", "y_mm", "z_mm"]))
-    expected_mm = float(np.median(np.linalg.norm(features_mm, axis=1)))
-    distance = float(np.median(np.linalg.norm(cloud.valid_points, axis=1)))
-    if distance * _TOO_NEAR > expected_mm:
-        return
-    msg = (
-        f"every p_norm is 0: features are expected {expected_mm:.0f} mm from the camera, and the "
-        f"cloud's points lie {distance:.3g} from it, so its unit is m, not mm; say --cloud-unit m "
-        "(in Python, read_cloud's unit='m') for a single capture, or multiply the clouds by 1000 "
-        "before they are put into a campaign"
+_DARK, _BRIGHT = 15.0, 235.0
+"""Grey levels between which any sensor gives points on some surface."""
+
+
+def _measured_somewhere(
+    table: ObservationTable,
+    capture: cell.Capture,
+    campaign: cell.CaptureSource,
+    tolerance: cell.RingTolerance,
+) -> tuple[Contradiction, ...]:
+    """Check that features were measured, and that points lie round some of them."""
+    measured = table.measured()
+    part, sensor = campaign.part, campaign.sensor
+    if len(measured) == 0:
+        counts = ", ".join(f"{rows} {reason}" for reason, rows in table.counts().items())
+        hint = why_not_visible(part, sensor, capture.camera_from_part)
+        msg = (
+            f"nothing was measured: no feature is visible in any capture ({counts}); "
+            f"{hint or 'check the pose, camera_from_part in mm, and the features'}"
+        )
+        raise ObservationError(msg)
+    if (measured.array(["p_norm"]) > 0.0).any():
+        return ()
+    reading = reading_that_fits(capture, part, sensor, tolerance)
+    lit = measured.frame["i_avg"].is_between(_DARK, _BRIGHT).any()
+    return (
+        Contradiction(
+            check=rings.ELSEWHERE,
+            compared="the clouds' points against the features' places",
+            found="every p_norm is 0: no point of any cloud lies near any feature"
+            + (", though the images are lit" if lit else ""),
+            explanation=str(reading)
+            if reading is not None
+            else "check that features and clouds are in mm, the clouds in the camera's frame, and "
+            "that the pose is that of the part seen from the camera",
+            is_error=reading is not None,
+        ),
     )
-    raise CloudError(msg)
 
 
 def _observe(
@@ -193,9 +274,10 @@ class Campaign(cell.CampaignFolder):
         *,
         tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
         progress: Progress = ignore_progress,
+        despite: Collection[str] = (),
     ) -> ObservationTable:
         """Observe every feature in every capture (`observe_campaign`)."""
-        return observe_campaign(self, tolerance, progress)
+        return observe_campaign(self, tolerance, progress, despite=despite)
 
     def view(self, camera_from_part: RigidTransform, name: str = "") -> masks.View:
         """Return what the sensor sees of the part from a pose, measured or not.

@@ -18,6 +18,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight import errors
+from exposight.contradictions import Contradiction
 from exposight.files import write_durably
 from exposight.observing import schema
 from exposight.observing.masks import Visibility
@@ -42,6 +43,8 @@ class ObservationTable:
     frame : polars.DataFrame
         Has the columns of `SCHEMA`, then any further ones of numbers, texts or truth values.
         `from_frame` makes such a frame of one that leaves columns out.
+    contradictions : tuple of Contradiction
+        What did not agree in the captures that were observed; files do not keep it.
     checked : bool
         True for rows of a table that was checked before.
 
@@ -52,6 +55,7 @@ class ObservationTable:
     """
 
     frame: pl.DataFrame
+    contradictions: tuple[Contradiction, ...] = ()
     checked: InitVar[bool] = False
 
     def __post_init__(self, checked: bool) -> None:

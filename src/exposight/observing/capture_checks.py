@@ -1,0 +1,107 @@
+"""Captures against themselves: cloud, camera, features and pose say the same thing more than once.
+
+What does not agree is named (`exposight.contradictions`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.cell import ActiveSensor, Capture
+from exposight.contradictions import Contradiction, clouds, rings
+from exposight.observing import masks
+from exposight.observing.schema import Observation
+
+_SAMPLE = 4096
+"""Points of a cloud that are held against their pixels: a median of so many is good to a few %."""
+_RING_SAMPLE = 200
+
+
+def capture_contradictions(
+    capture: Capture,
+    sensor: ActiveSensor,
+    views: Sequence[masks.FeatureView],
+    rows: Sequence[Observation],
+) -> Iterator[Contradiction | None]:
+    """Yield what of a capture does not agree with the rest of it.
+
+    Parameters
+    ----------
+    capture : Capture
+        With its cloud.
+    sensor : ActiveSensor
+        That took it.
+    views : sequence of FeatureView
+        The features as the capture's pose has them.
+    rows : sequence of Observation
+        What was observed of them.
+    """
+    cloud = capture.require_cloud()
+    if cloud.organised:
+        yield _on_own_pixels(cloud.points, sensor)
+        yield _where_features_are(cloud.points, views, rows)
+    else:
+        behind = clouds.behind_camera(cloud.points[:: max(1, len(cloud.points) // _SAMPLE)])
+        yield behind
+        if behind is None:
+            yield clouds.thinner_than_image(_pixels_seen(cloud.valid_points, sensor))
+    yield rings.too_many_points(
+        np.array([np.nan if row.p_norm is None else row.p_norm for row in rows]),
+        np.array([np.nan if row.n_pixels is None else row.n_pixels for row in rows]),
+        [row.feature for row in rows],
+    )
+
+
+def _on_own_pixels(points: NDArray[np.float32], sensor: ActiveSensor) -> Contradiction | None:
+    camera = sensor.camera
+    if points.shape[:2] != (camera.height, camera.width):
+        return None
+    step = max(1, int(np.sqrt(points.shape[0] * points.shape[1] / (4 * _SAMPLE))))
+    sampled = points[step // 2 :: step, step // 2 :: step]
+    valid = np.isfinite(sampled[..., 0])
+    row, column = np.nonzero(valid)
+    return clouds.own_pixels(
+        np.asarray(sampled[valid], dtype=np.float64),
+        np.column_stack([column, row]).astype(np.float64) * step + step // 2,
+        camera.rays()[step // 2 :: step, step // 2 :: step][valid],
+        clouds.Lens(
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx,
+            cy=camera.cy,
+            width=camera.width,
+            height=camera.height,
+            is_distorted=any(camera.distortion),
+        ),
+    )
+
+
+def _where_features_are(
+    points: NDArray[np.float32], views: Sequence[masks.FeatureView], rows: Sequence[Observation]
+) -> Contradiction | None:
+    """Compare the points seen in rings' pixels with the features' planes."""
+    seen, p_norm, off = [], [], []
+    for view, row in zip(views, rows, strict=True):
+        if row.p_norm is None or view.rows.size == 0 or view.rows.max() >= len(points):
+            continue
+        step = max(1, view.rows.size // _RING_SAMPLE)
+        there = points[view.rows[::step], view.columns[::step]]
+        valid = np.isfinite(there[:, 0])
+        seen.append(float(valid.mean()))
+        p_norm.append(row.p_norm)
+        in_feature = view.camera_from_feature.inverse().apply(there[valid].astype(np.float64))
+        off.append(
+            view.region.plane_z_mm - float(np.median(in_feature[:, 2])) if valid.any() else np.nan
+        )
+    if not seen:
+        return None
+    return rings.points_elsewhere(np.array(seen), np.array(p_norm), np.array(off))
+
+
+def _pixels_seen(points: NDArray[np.float32], sensor: ActiveSensor) -> NDArray[np.float64]:
+    camera = sensor.camera
+    pixels = camera.project(points[points[:, 2] > 0].astype(np.float64))
+    return np.asarray(pixels[camera.in_frame(pixels)])
