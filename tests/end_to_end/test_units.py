@@ -89,8 +89,7 @@ def in_metres(single, tmp_path):
 def test_a_cloud_in_metres_is_refused(in_metres, tmp_path, run):
     result = run(*in_metres)
     assert result.exit_code == 1
-    assert "the cloud's points lie 0.6" in result.stderr
-    assert "its unit is m, not mm; say --cloud-unit m" in result.stderr
+    assert "the cloud is in m: --cloud-unit m (then p_norm is about 1.00)" in result.stderr
     assert not (tmp_path / "o.csv").exists()
 
 

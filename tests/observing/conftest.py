@@ -11,11 +11,11 @@ from exposight.cell import (
     Cloud,
     ExposureRange,
     Feature,
-    MemoryCampaign,
     Part,
 )
 from exposight.geometry import PinholeCamera, RigidTransform
-from exposight.observing import Observation, observe_campaign
+from exposight.observing import Observation
+from exposight.observing.observe import Observer
 
 WIDTH, HEIGHT, FOCAL_PX = 641, 481, 800.0
 """Odd sizes: the principal point is the centre of a pixel."""
@@ -90,12 +90,10 @@ def make_capture(
 def observe(
     sensor: ActiveSensor, features: Feature | tuple[Feature, ...], *captures: Capture
 ) -> list[Observation]:
-    """Observe captures as a campaign; return the table's rows."""
+    """Observe captures one by one; return their rows."""
     features = (features,) if isinstance(features, Feature) else features
-    campaign = MemoryCampaign(
-        name="test", sensor=sensor, part=Part(name="part", features=features), captures=captures
-    )
-    return [Observation(**row) for row in observe_campaign(campaign).frame.iter_rows(named=True)]
+    observer = Observer(Part(name="part", features=features), sensor)
+    return [row for capture in captures for row in observer.observe(capture)]
 
 
 @pytest.fixture

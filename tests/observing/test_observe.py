@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exposight.cell import Cloud, Feature, MemoryCampaign, Part, RingTolerance
-from exposight.errors import CloudError
+from exposight.errors import CloudError, ContradictionError
 from exposight.geometry import RigidTransform
 from exposight.observing import (
     SCHEMA,
@@ -202,7 +202,7 @@ def test_a_campaign_gives_a_row_for_each_capture_and_feature(
 def test_clouds_in_metres_are_refused(sensor, facing, make_capture, campaign_of):
     dark = make_capture(sensor, facing, view="dark", cloud=EMPTY)
     cloud = Cloud(points=1e-3 * make_capture(sensor, facing).cloud.points)
-    with pytest.raises(CloudError, match=r"points lie 0\.6.* from it, so its unit is m, not mm"):
+    with pytest.raises(ContradictionError, match=r"599 mm nearer.*in m: --cloud-unit m"):
         observe_campaign(campaign_of(dark, make_capture(sensor, facing, cloud=cloud)))
 
 

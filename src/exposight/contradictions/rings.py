@@ -57,6 +57,8 @@ _SEEN_SHARE = 0.5
 """Of a ring's pixels have a point: the sensor saw what is there."""
 _NEARLY_NONE = 0.02
 _MOST = 0.75
+_ENOUGH_RINGS = 3
+"""A clamp may stand before one feature or two."""
 
 
 def points_elsewhere(
@@ -92,5 +94,6 @@ def points_elsewhere(
             f"in {int(missed.sum())} of {int(seen.sum())} rings points are seen, but none in the "
             f"hollow cylinder: they lie {float(np.median(off)):.3g} mm {way} (median)"
         ),
-        explanation="",
+        explanation="is the part where the pose says, and is that camera_from_part in mm?",
+        is_error=int(missed.sum()) >= _ENOUGH_RINGS,
     )

@@ -130,7 +130,9 @@ class Observer:
         if found.check not in {clouds.BEHIND, rings.ELSEWHERE}:
             return found
         reading = reading_that_fits(capture, self._part, self._sensor, self._tolerance)
-        return found if reading is None else replace(found, explanation=str(reading))
+        if reading is None:
+            return found
+        return replace(found, explanation=str(reading), is_error=True)
 
 
 def observe_campaign(

@@ -70,7 +70,7 @@ def _other_readings(
 ) -> Iterator[tuple[str, NDArray[np.float32], Part, RigidTransform]]:
     for unit, scale in _UNITS.items():
         yield (
-            f"the cloud is in {unit} (--cloud-unit)",
+            f"the cloud is in {unit}: --cloud-unit {unit}",
             points * np.float32(scale),
             part,
             camera_from_part,

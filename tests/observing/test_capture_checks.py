@@ -1,0 +1,119 @@
+"""Captures whose inputs contradict one another are refused, with the reading that fits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from exposight.cell import Cloud, MemoryCampaign, Part
+from exposight.errors import ContradictionError, ObservationError
+from exposight.geometry import RigidTransform
+from exposight.observing import observe_campaign
+
+# The part's z points at the camera, as a drawing's does; the features' into the material.
+TURNED = RigidTransform.from_fanuc_wpr((4, -3, 500), 172, 6, 3)
+INTO = RigidTransform(rotation=np.diag([1.0, -1.0, -1.0]))
+PLACES = [(-60.0, -40.0), (50.0, -45.0), (-55.0, 45.0), (62.0, 38.0)]
+
+
+@pytest.fixture
+def capture(sensor, make_capture):
+    return make_capture(sensor, TURNED @ INTO)
+
+
+@pytest.fixture
+def part(hole):
+    features = [
+        hole(6.0, RigidTransform(translation_mm=[x, y, 0]) @ INTO, f"h{i}")
+        for i, (x, y) in enumerate(PLACES)
+    ]
+    return Part(name="plate", features=tuple(features))
+
+
+@pytest.fixture
+def observed(sensor, capture, part):
+    def observe(*, cloud=None, pose=TURNED, features=part, despite=()):
+        taken = replace(capture, camera_from_part=pose, cloud=cloud or capture.cloud)
+        campaign = MemoryCampaign(name="c", sensor=sensor, part=features, captures=[taken])
+        return observe_campaign(campaign, despite=despite)
+
+    return observe
+
+
+def loose(cloud):
+    return Cloud(points=cloud.valid_points)
+
+
+def test_what_agrees(observed, capture):
+    for cloud in (capture.cloud, loose(capture.cloud)):
+        table = observed(cloud=cloud)
+        assert table.contradictions == ()
+        assert table.frame["p_norm"].to_list() == pytest.approx([1.0] * 4, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("turn", "option"),
+    [((1, -1, -1), "--cloud-axes x -y -z"), ((-1, -1, 1), "--cloud-axes -x -y z")],
+)
+def test_turned_axes(observed, capture, turn, option):
+    points = capture.cloud.points * np.float32(turn)
+    with pytest.raises(ContradictionError, match="axes are turned"):
+        observed(cloud=Cloud(points=points))
+    if turn[2] < 0:
+        with pytest.raises(ContradictionError, match=option):
+            observed(cloud=loose(Cloud(points=points)))
+
+
+def test_metres_and_turned_axes_at_once(observed, capture):
+    points = 1e-3 * capture.cloud.valid_points * np.float32([1, -1, -1])
+    with pytest.raises(ContradictionError, match="--cloud-unit m --cloud-axes x -y -z"):
+        observed(cloud=Cloud(points=points))
+
+
+def test_an_inverse_pose(observed):
+    far = RigidTransform.from_fanuc_wpr((400, 100, 500), 172, 36, 3)
+    with pytest.raises((ContradictionError, ObservationError)):
+        observed(pose=far.inverse())
+
+
+def test_a_pose_whose_inverse_would_put_the_part_in_view(observed):
+    beside = RigidTransform.from_fanuc_wpr((20, 10, 500), 150, 20, 30)
+    with pytest.raises(ObservationError, match="inverse of the pose would put the part in view"):
+        observed(pose=beside.inverse())
+
+
+def test_normals_into_the_part(observed, part):
+    turned = [replace(f, part_from_feature=f.part_from_feature @ INTO) for f in part.features]
+    with pytest.raises(ObservationError, match=r"4 facing away.*outward normals"):
+        observed(features=replace(part, features=tuple(turned)))
+
+
+def test_a_pose_in_metres(observed):
+    near = replace(TURNED, translation_mm=TURNED.translation_mm / 1000)
+    with pytest.raises(ObservationError, match="is the pose in m"):
+        observed(pose=near)
+
+
+def test_a_part_that_stands_elsewhere(observed):
+    nearer = replace(TURNED, translation_mm=TURNED.translation_mm - [0, 0, 25])
+    with pytest.raises(ContradictionError, match=r"4 of 4 rings .* mm farther"):
+        observed(pose=nearer)
+
+
+def test_a_cloud_of_half_the_resolution(observed, capture):
+    half = Cloud(points=capture.cloud.points[::2, ::2].reshape(-1, 3))
+    with pytest.raises(ContradictionError, match=r"4\.0 times fewer points than pixels"):
+        observed(cloud=half)
+    table = observed(cloud=half, despite=("thinner-than-image",))
+    assert [each.check for each in table.contradictions] == ["thinner-than-image"]
+
+
+def test_a_normal_that_is_wrong_by_itself(observed, part):
+    first, *others = part.features
+    tilt = RigidTransform.from_fanuc_wpr((0, 0, 0), 0, 38, 0)
+    tilted = replace(first, part_from_feature=first.part_from_feature @ tilt)
+    table = observed(features=replace(part, features=(tilted, *others)))
+    rows = table.frame["p_norm"]
+    assert rows[1:].to_list() == pytest.approx([1.0] * 3, abs=0.01)
+    if rows[0] > 1.1:
+        assert "h0" in table.contradictions[0].found
