@@ -15,6 +15,7 @@ from exposight import imaging
 from exposight.cell import Cloud, write_cloud
 from exposight.cli.app import UsageError
 from exposight.cli.decode_stereo import NO_PAIR, StereoOptions, decode_stereo
+from exposight.cli.guess_sequence import guess_result, guess_table, guessed
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError
@@ -40,6 +41,7 @@ def decode_command(
     *,
     calibration: Annotated[Path | None, Parameter(alias="-c")] = None,
     sequence: Annotated[str | None, Parameter(alias="-s", metavar="NAME|FILE")] = None,
+    guess: bool = False,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     preview: Path | None = None,
     depth_limits_mm: Annotated[
@@ -61,6 +63,8 @@ def decode_command(
 
         exposight decode scan1/ -c calibration.xml -s skull_2x3 -o cloud.ply
 
+        exposight decode scan1/ --guess --projector-size 1824 1140 -o sequence.toml
+
         exposight decode --stereo left.png right.png --sensor sensor.json -o cloud.ply
 
         exposight decode --stereo left/ right/ --sensor sensor.json -s board -o cloud.ply
@@ -75,8 +79,11 @@ def decode_command(
         or the left camera's ROS camera_info.
     sequence
         What each frame shows: skull_gray, skull_2x3, board, or a TOML file.
+    guess
+        Propose a sequence from the frames alone, and say how sure each part of it is; with a
+        calibration, decode by it.
     output
-        Write the cloud to this file: .ply, .pcd, .xyz, .csv.
+        Write the cloud to this file: .ply, .pcd, .xyz, .csv. With --guess, .toml: the sequence.
     preview
         Write a PNG of the decoded coordinate and the modulation.
     depth_limits_mm
@@ -98,10 +105,10 @@ def decode_command(
         msg = f"--preview writes PNG; got the name {preview.name}"
         raise UsageError(msg)
     if options := pair.options():
-        if pair.stereo is None or {folder, projector_size, grey_noise} != {None}:
+        if pair.stereo is None or {folder, projector_size, grey_noise} != {None} or guess:
             msg = (
                 f"{', '.join(options)}: a stereo pair is given with --stereo LEFT RIGHT alone, "
-                "without a folder before it, --projector-size and --grey-noise"
+                "without a folder before it, --projector-size, --grey-noise and --guess"
             )
             raise UsageError(msg)
         return decode_stereo(
@@ -114,10 +121,15 @@ def decode_command(
             despite=despite,
             limits=limits,
         )
-    if folder is None or calibration is None or sequence is None:
+    proposed = None
+    if guess and folder is not None and sequence is None:
+        proposed = guessed(folder, calibration, projector_size)
+        if calibration is None or (output is not None and output.suffix.lower() == ".toml"):
+            return guess_result(folder, proposed, output)
+    if folder is None or calibration is None or (sequence is None) == (proposed is None):
         msg = (
-            "give a folder of frames with --calibration and --sequence, or a stereo pair with "
-            "--stereo"
+            "give a folder of frames with --calibration and --sequence (or --guess), or a stereo "
+            "pair with --stereo"
         )
         raise UsageError(msg)
     check_names(despite, FRAME_CHECKS)
@@ -126,7 +138,9 @@ def decode_command(
         for path, kind in ((output, "cloud"), (preview, "preview"))
         if path is not None
     ]
-    patterns = imaging.sequence_named_or_read(sequence)
+    patterns = (
+        imaging.sequence_named_or_read(sequence or "") if proposed is None else (proposed.sequence)
+    )
     rig = read_projector_camera(calibration, projector_size=projector_size)
     start = time.perf_counter()
     stack = imaging.read_recording(folder, patterns)
@@ -165,7 +179,10 @@ def decode_command(
             ),
             *_sigma_fact(cloud),
         ),
-        tables=(_pixel_table(decoded.counts()),),
+        tables=(
+            *(() if proposed is None else (guess_table(proposed),)),
+            _pixel_table(decoded.counts()),
+        ),
         contradictions=decoded.contradictions,
         notes=(
             *filter(None, (of_noise,)),

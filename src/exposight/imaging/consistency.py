@@ -58,13 +58,13 @@ def frame_contradictions(
     yield from check_greys(
         stack.frames, stack.full_scale, clips_at=stack.clipping_level, scaled=stack.emulated
     )
-    lines = (_lines(stack, vertical=False), _lines(stack, vertical=True))
+    lines = (line_pairs(stack, vertical=False), line_pairs(stack, vertical=True))
     for axis, coding, size in sequence.axes():
         along = max(lines, key=lambda each: _changes(each, sequence, coding, limits))
         yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
 
 
-def _lines(stack: FrameStack, *, vertical: bool) -> Light:
+def line_pairs(stack: FrameStack, *, vertical: bool) -> Light:
     """Return the light of pairs of adjacent rows, or of columns turned to rows."""
     frames = stack.frames.transpose(0, 2, 1) if vertical else stack.frames
     _, rows, columns = frames.shape
