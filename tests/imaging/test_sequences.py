@@ -50,8 +50,17 @@ def test_steps_are_equal_by_default():
             "at least three different shifts",
         ),
         (lambda: AxisCoding(fringes=()), "need a gray_code table, fringes, or both"),
-        (lambda: AxisCoding(fringes=(FINE, COARSE)), "from few periods to many"),
-        (lambda: AxisCoding(fringes=(FINE,)), "the coarsest fringe must have one period, got 16"),
+        (lambda: AxisCoding(fringes=(FINE, FINE)), "two fringes of 16 periods: give one"),
+        (lambda: GrayCode(frames=(0, 1), first_code=4), "from 0 to 3, got 4"),
+        (lambda: GrayCode(frames=(0, 1), code="grey"), 'is "gray" or "binary", got \'grey\''),
+        (
+            lambda: GrayCode(frames=(0, 1), code_width=3, complementary_frame=2),
+            "of even width, got a gray code of 3 px",
+        ),
+        (
+            lambda: GrayCode(frames=(0, 1), code="binary", code_width=2, complementary_frame=2),
+            "got a binary code",
+        ),
     ],
 )
 def test_bad_codings(build, message):
@@ -75,6 +84,9 @@ def test_bad_codings(build, message):
             {"columns": AxisCoding(gray_code=GrayCode(frames=(0, 1, 2, 3)))},
             "of the columns has no inverse frames",
         ),
+        ({"columns": AxisCoding(fringes=(FINE,))}, "16 periods repeat every 1 px of 16;"),
+        ({"columns": GRAY, "projector_gamma": 0}, "projector_gamma must be from 0.1 to 10"),
+        ({"columns": GRAY, "pattern_contrast": 1.5}, "pattern_contrast must be above 0"),
         ({"columns": GRAY, "rows": GRAY}, r"but \[0, 1, .*\] are used more than once"),
         ({"columns": GRAY, "projector_width": 17}, "covers 16 px of a projector of 17 px"),
         (

@@ -1,5 +1,6 @@
 """From recorded frames to projector coordinates, and from these to organised clouds."""
 
+from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
 from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frame_files import Alignment, Channel, read_frames
@@ -19,7 +20,7 @@ from exposight.imaging.sequence_files import (
     sequence_named_or_read,
     sequence_to_toml,
 )
-from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+from exposight.imaging.sequences import AxisCoding, PatternSequence
 from exposight.imaging.stacks import mean_image, stack_images, window_images
 from exposight.imaging.stereo import StereoLimits, match_pair, stereo_by_images
 from exposight.imaging.stereo_codes import match_codes, stereo_by_codes

@@ -4,7 +4,7 @@ Everything is looked at along pairs of adjacent rows or columns of the image, ev
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -16,10 +16,11 @@ from exposight.contradictions import Contradiction
 from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
 from exposight.contradictions.greys import check_greys
 from exposight.contradictions.steps import Steps, check_phase, check_steps
+from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.decoded import DecodingLimits
 from exposight.imaging.frames import FrameStack, Light
 from exposight.imaging.gray_code import decode_gray_code
-from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 FRAME_CHECKS = (
     "saturation-spike",
@@ -106,22 +107,26 @@ def _axis_contradictions(
     gray_code = coding.gray_code
     if gray_code is not None:
         words = _words(lines, sequence, gray_code, limits)
-        reading = Reading(tuple(range(len(gray_code.frames))))
+        is_binary = gray_code.code == "binary"
+        reading = Reading(tuple(range(len(gray_code.frames))), binary=is_binary)
         jumping = check_neighbours(words, reading, gray_code.frames, axis)
         if jumping is not None:
             yield jumping
             return  # whatever follows from these codes is as wrong
         n_codes = -(-size // gray_code.code_width)
-        first_code: int | None = getattr(gray_code, "first_code", 0)
-        beyond = check_coverage(words, reading, n_codes, first_code, axis)
+        beyond = check_coverage(words, reading, n_codes, gray_code.first_code, axis)
         if beyond is not None:
             yield beyond
-        coordinate = decode_gray_code(lines, sequence, gray_code, size, limits).coordinate
-        coordinate = _located(coordinate, gray_code.code_width)
+        thresholds = sequence.threshold_fringes(axis)
+        read = decode_gray_code(lines, sequence, gray_code, thresholds, size, limits)
+        # Without an edge on a side a coordinate is the middle of its code: of a wide one too rough.
+        is_exact = read.is_located if gray_code.code_width >= 4 else True
+        coordinate = np.where(is_exact, read.coordinate, np.nan)
         reference = f"the Gray code of the {axis}"
     for fringe in coding.fringes:
         steps = _steps(lines, fringe, size, axis, limits)
-        yield from check_steps(steps)
+        if sequence.projector_gamma == 1.0:  # else its harmonics are known
+            yield from check_steps(steps)
         phase = _phase(lines, fringe)[0]
         period_px = size / fringe.periods
         if coordinate is not None:
@@ -132,7 +137,7 @@ def _axis_contradictions(
         if gray_code is None:
             if coordinate is None:
                 if fringe.periods > 1:
-                    return
+                    continue
                 middle = 0.5 * (size - 1) / period_px
                 order = np.rint(middle - phase)
             else:
@@ -141,16 +146,8 @@ def _axis_contradictions(
             reference, exact = f"that of the coarser fringe of {fringe.periods:g}", False
 
 
-def _located(coordinate: NDArray[np.float64], code_width: int) -> NDArray[np.float64]:
-    """Leave out coordinates that are the middle of a wide code, for want of an edge on a side."""
-    if code_width < 4:
-        return coordinate
-    middle = (coordinate - 0.5 * (code_width - 1)) / code_width
-    return np.where(middle == np.rint(middle), np.nan, coordinate)
-
-
 def _signals(
-    lines: Light, sequence: PatternSequence, gray_code: GrayCode
+    lines: Light, sequence: PatternSequence, gray_code: GrayCode, thresholds: Sequence[Fringe]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return (bits, …) lit minus unlit of every bit, and the contrast that they should have."""
     frames = lines.frames
@@ -158,8 +155,11 @@ def _signals(
     white, black = sequence.white_frame, sequence.black_frame
     if gray_code.inverse_frames:
         signals = lit - frames[list(gray_code.inverse_frames)]
-    else:
+    elif white is not None:
         signals = 2 * lit - (frames[white].astype(np.float32) + frames[black])
+    else:
+        mean = [np.tensordot(f.solver()[0], frames[list(f.frames)], axes=1) for f in thresholds]
+        signals = (2 * (lit - np.mean(mean, axis=0))).astype(np.float32)
     if white is None or black is None:
         return signals, np.abs(signals).max(axis=0)
     return signals, frames[white].astype(np.float32) - frames[black]
@@ -169,7 +169,9 @@ def _words(
     lines: Light, sequence: PatternSequence, gray_code: GrayCode, limits: DecodingLimits
 ) -> NDArray[np.int64]:
     """Return the bits of every pixel as a word, the first frame's highest; −1 where uncertain."""
-    signals, contrast = _signals(lines, sequence, gray_code)
+    axis = "columns" if sequence.columns and sequence.columns.gray_code is gray_code else "rows"
+    thresholds = sequence.threshold_fringes(axis)
+    signals, contrast = _signals(lines, sequence, gray_code, thresholds)
     word = np.zeros(contrast.shape, dtype=np.int64)
     for signal in signals:
         word = 2 * word + (signal > 0)
@@ -180,10 +182,7 @@ def _words(
 
 def _phase(lines: Light, fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phase, in periods, and amplitude, in grey levels."""
-    shifts = np.radians(np.asarray(fringe.shifts_deg))
-    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
-    inverse = np.linalg.pinv(design)
-    _, cosine, sine = np.tensordot(inverse, lines.frames[list(fringe.frames)], axes=1)
+    _, cosine, sine = np.tensordot(fringe.solver(), lines.frames[list(fringe.frames)], axes=1)
     return np.arctan2(sine, cosine) / (2 * np.pi), np.hypot(cosine, sine)
 
 
@@ -198,7 +197,7 @@ def _steps(lines: Light, fringe: Fringe, size: int, axis: str, limits: DecodingL
     return Steps(
         samples=lines.frames[list(fringe.frames)].astype(np.float64),
         usable=_usable(lines, fringe, limits),
-        shifts_deg=fringe.shifts_deg,
+        shifts_deg=fringe.steps_deg,
         frames=fringe.frames,
         periods=fringe.periods,
         size=size,

@@ -1,36 +1,23 @@
 """Decode a recording: frames and their meaning in, projector coordinates out.
 
-Gray codes are decoded by `exposight.imaging.gray_code`, phase-shifted fringes here. For
-I_k = A + B·cos(φ − δ_k) the least-squares solution of A, B·cos φ and B·sin φ is linear in the
-samples. With three equal steps it is φ = atan2(√3·(I₂ − I₃), 2·I₁ − I₂ − I₃). A phase of p periods
-over a projector of W px means the coordinate φ/(2π·p)·W, phase 0 being the centre of pixel 0.
+Gray codes are decoded by `exposight.imaging.gray_code`, phase-shifted fringes by
+`exposight.imaging.phase_shift`.
 """
 
-from collections.abc import Collection, Sequence
-from itertools import pairwise
+from collections.abc import Collection
 from pathlib import Path
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from exposight.compiled import njit
 from exposight.contradictions import settle
 from exposight.errors import ImageError
 from exposight.imaging.consistency import frame_contradictions
-from exposight.imaging.decoded import (
-    AMBIGUOUS,
-    CLIPPED,
-    LOW_MODULATION,
-    OUTSIDE,
-    AxisMap,
-    DecodedMap,
-    DecodingLimits,
-)
+from exposight.imaging.decoded import AxisMap, DecodedMap, DecodingLimits
 from exposight.imaging.frame_files import read_frames
-from exposight.imaging.frames import FrameStack, Levels, Light
+from exposight.imaging.frames import FrameStack, Light
 from exposight.imaging.gray_code import decode_gray_code
-from exposight.imaging.sequences import AxisCoding, Fringe, PatternSequence
+from exposight.imaging.phase_shift import decode_fringes
+from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 
 def read_recording(
@@ -122,7 +109,7 @@ def decode(
     found = settle(frame_contradictions(stack, sequence, limits), despite) if checked else ()
     light = stack.light()
     maps = {
-        axis: _decode_axis(light, sequence, coding, size, limits)
+        axis: _decode_axis(light, sequence, axis, coding, size, limits)
         for axis, coding, size in sequence.axes()
     }
     columns, rows = maps.get("columns"), maps.get("rows")
@@ -143,159 +130,20 @@ def decode(
 def _decode_axis(
     light: Light,
     sequence: PatternSequence,
+    axis: str,
     coding: AxisCoding,
     size: int,
     limits: DecodingLimits,
 ) -> AxisMap:
-    """Decode one projector axis of `size` px.
-
-    A pixel with a clipped sample of a fringe has no coordinate: its phase is wrong.
-    """
-    fringes, gray_code = coding.fringes, coding.gray_code
-    if gray_code is None:  # nothing is known before the first fringe
-        coarse: NDArray[np.float64] = np.empty((0, 0))
-        modulation: NDArray[np.float32] = np.full(light.image_shape, np.inf, dtype=np.float32)
-        flags: NDArray[np.uint8] = np.zeros(light.image_shape, dtype=np.uint8)
+    """Decode one projector axis of `size` px."""
+    by_code = None
+    if coding.gray_code is not None:
+        thresholds = sequence.threshold_fringes(axis)
+        by_code = decode_gray_code(light, sequence, coding.gray_code, thresholds, size, limits)
+    if coding.fringes or by_code is None:
+        decoded = decode_fringes(light, sequence, coding, size, limits, by_code)
     else:
-        by_code = coarse, modulation, flags = decode_gray_code(
-            light, sequence, gray_code, size, limits
-        )
-        if not fringes:
-            return by_code
-    coordinate = np.empty(light.image_shape)
-    steps, periods_px = _unwrapping_steps(fringes, size, has_gray_code=gray_code is not None)
-    solvers = [phase_solver(fringe.shifts_deg) for fringe in fringes]
-    # A whole number of periods repeats at the border: there, −ε and W − ε look alike.
-    cyclic = coarse.size == 0 and all(float(fringe.periods).is_integer() for fringe in fringes)
-    _unwrap(
-        light.frames,
-        np.concatenate([fringe.frames for fringe in fringes]).astype(np.int64),
-        np.cumsum([0, *(len(fringe.frames) for fringe in fringes)]),
-        np.concatenate([solver[1] for solver in solvers]),
-        np.concatenate([solver[2] for solver in solvers]),
-        steps,
-        periods_px,
-        coarse,
-        size,
-        cyclic,
-        light.clips_at,
-        light.scale,
-        limits.min_modulation,
-        limits.max_residual,
-        coordinate,
-        modulation,
-        flags,
-    )
-    return AxisMap(coordinate, modulation, flags)
-
-
-def phase_solver(shifts_deg: Sequence[float]) -> NDArray[np.float64]:
-    """Return the (3, n) pseudo-inverse that takes samples to A, B·cos φ, B·sin φ."""
-    shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
-    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
-    return np.asarray(np.linalg.pinv(design))
-
-
-def _unwrapping_steps(
-    fringes: Sequence[Fringe], size: int, *, has_gray_code: bool
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the steps of unwrapping: (fringe, fringe to subtract or −1) and each one's period."""
-    steps = [(i, -1) for i in range(len(fringes))]
-    periods_px = [size / fringe.periods for fringe in fringes]
-    if has_gray_code:
-        for coarse, fine in list(pairwise(fringes))[:1]:
-            steps.insert(0, (1, 0))
-            periods_px.insert(0, size / (fine.periods - coarse.periods))
-    return np.array(steps, dtype=np.int64), np.array(periods_px)
-
-
-@njit(inline="always", error_model="numpy")
-def _unwrap_pixel(
-    phase: NDArray[np.float64],
-    steps: NDArray[np.int64],
-    periods_px: NDArray[np.float64],
-    absolute: float,
-    is_known: bool,
-    size: int,
-) -> tuple[float, float]:
-    """Unwrap one pixel's phases (in periods) step by step; return coordinate and worst residual."""
-    worst = 0.0
-    for i in range(periods_px.size):
-        part = phase[steps[i, 0]]
-        if steps[i, 1] >= 0:
-            part -= phase[steps[i, 1]]
-        if i == 0 and not is_known:
-            # Of the values a period apart, the one nearest to the projector's middle.
-            middle = 0.5 * (size - 1) / periods_px[0]
-            absolute = (part + np.rint(middle - part)) * periods_px[0]
-            continue
-        order = np.rint(absolute / periods_px[i] - part)
-        fine = (part + order) * periods_px[i]
-        # The first step after a Gray code only bridges the code's width: that is no residual.
-        if i > 0:
-            worst = max(worst, abs(absolute - fine) / periods_px[i])
-        absolute = fine
-    return absolute, worst
-
-
-@njit(parallel=True, error_model="numpy")
-def _unwrap(
-    frames: Levels,
-    frame: NDArray[np.int64],
-    first: NDArray[np.int64],
-    to_cosine: NDArray[np.float64],
-    to_sine: NDArray[np.float64],
-    steps: NDArray[np.int64],
-    periods_px: NDArray[np.float64],
-    coarse: NDArray[np.float64],
-    size: int,
-    cyclic: bool,
-    clips_at: float,
-    scale: float,
-    min_modulation: float,
-    max_residual: float,
-    coordinate: NDArray[np.float64],
-    modulation: NDArray[np.float32],
-    flags: NDArray[np.uint8],
-) -> None:
-    """Fill coordinate, modulation and flags; fringe i uses steps first[i] … first[i + 1] − 1."""
-    n_fringes = first.size - 1
-    turn = 2.0 * np.pi
-    for r in numba.prange(coordinate.shape[0]):
-        cosine, sine, phase = np.empty(n_fringes), np.empty(n_fringes), np.empty(n_fringes)
-        for c in range(coordinate.shape[1]):
-            coordinate[r, c] = np.nan
-            flag = flags[r, c]
-            weakest = float(modulation[r, c])
-            for i in range(n_fringes):
-                cosine[i], sine[i] = 0.0, 0.0
-                for k in range(first[i], first[i + 1]):
-                    sample = frames[frame[k], r, c]
-                    cosine[i] += to_cosine[k] * sample
-                    sine[i] += to_sine[k] * sample
-                    if sample >= clips_at:
-                        flag |= CLIPPED
-                amplitude = np.sqrt(cosine[i] * cosine[i] + sine[i] * sine[i]) * scale
-                weakest = min(weakest, amplitude)
-            modulation[r, c] = weakest
-            if weakest < min_modulation or weakest <= 0.0:
-                flag |= LOW_MODULATION
-            absolute = 0.0
-            if coarse.size:
-                absolute = coarse[r, c]
-            flags[r, c] = flag
-            if flag & (LOW_MODULATION | CLIPPED) or np.isnan(absolute):
-                continue
-            for i in range(n_fringes):
-                phase[i] = np.arctan2(sine[i], cosine[i]) / turn
-            absolute, residual = _unwrap_pixel(
-                phase, steps, periods_px, absolute, coarse.size > 0, size
-            )
-            if cyclic:
-                absolute -= size * np.floor((absolute + 0.5) / size)
-            if residual > max_residual:
-                flags[r, c] = flag | AMBIGUOUS
-            elif absolute < -0.5 or absolute >= size - 0.5:
-                flags[r, c] = flag | OUTSIDE
-            else:
-                coordinate[r, c] = absolute
+        decoded = AxisMap(by_code.coordinate, by_code.modulation, by_code.flags)
+    if coding.mirrored:
+        np.subtract(size - 1, decoded.coordinate, out=decoded.coordinate)
+    return decoded

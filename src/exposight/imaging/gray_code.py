@@ -6,35 +6,53 @@ of one code lacks an edge on a side (a depth step, a hole, a fold), its pixels k
 centre.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from exposight.compiled import njit
+from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.decoded import (
     AMBIGUOUS,
     CLIPPED,
     LOW_MODULATION,
     OUTSIDE,
-    AxisMap,
     DecodingLimits,
 )
 from exposight.imaging.frames import Levels, Light
-from exposight.imaging.sequences import GrayCode, PatternSequence
+from exposight.imaging.sequences import PatternSequence
+
+
+class CodeMap(NamedTuple):
+    """What a Gray code says of every pixel.
+
+    `coordinate` (px, NaN where there is none), `modulation` and `flags` are those of an `AxisMap`.
+    `is_located` is false where the coordinate is the code's centre, known to ± `half_code` px.
+    """
+
+    coordinate: NDArray[np.float64]
+    modulation: NDArray[np.float32]
+    flags: NDArray[np.uint8]
+    is_located: NDArray[np.bool_]
+    half_code: float
 
 
 def decode_gray_code(
     light: Light,
     sequence: PatternSequence,
     gray_code: GrayCode,
+    thresholds: Sequence[Fringe],
     size: int,
     limits: DecodingLimits,
-) -> AxisMap:
+) -> CodeMap:
     """Decode the Gray code of one projector axis.
 
     The white and black frames give the contrast, and the threshold where there are no inverse
     frames. Without them the contrast is the largest difference between a bit's frame and its
-    inverse.
+    inverse, or twice that from its threshold.
 
     Parameters
     ----------
@@ -44,6 +62,8 @@ def decode_gray_code(
         What they show.
     gray_code : GrayCode
         The coding of this axis.
+    thresholds : sequence of Fringe
+        Whose mean is the threshold where there is nothing else.
     size : int, px
         The projector's length along this axis.
     limits : DecodingLimits
@@ -51,40 +71,94 @@ def decode_gray_code(
 
     Returns
     -------
-    AxisMap
+    CodeMap
         Clipped pixels keep their coordinate: a sample at full scale does not flip a bit.
     """
-    bits = np.array(gray_code.frames, dtype=np.int64)
+    bits = np.array(gray_code.bit_frames, dtype=np.int64)
     inverses = np.array(gray_code.inverse_frames, dtype=np.int64)
     white = -1 if sequence.white_frame is None else sequence.white_frame
     black = -1 if sequence.black_frame is None else sequence.black_frame
-    frames = light.frames
-    code = np.empty(light.image_shape, dtype=np.int32)
-    modulation = np.empty(light.image_shape, dtype=np.float32)
-    flags = np.empty(light.image_shape, dtype=np.uint8)
+    frames, shape = light.frames, light.image_shape
+    twice_threshold: NDArray[np.float32] = np.empty((0, 0), dtype=np.float32)
+    if white < 0 and bits.size > inverses.size:
+        twice_threshold = _twice_threshold(light, gray_code, thresholds)
+    width, first_code = gray_code.finest_width, gray_code.finest_first_code
+    is_binary = gray_code.code == "binary"
+    code = np.empty(shape, dtype=np.int32)
+    modulation = np.empty(shape, dtype=np.float32)
+    flags = np.empty(shape, dtype=np.uint8)
     _read_codes(
         frames,
         bits,
         inverses,
         white,
         black,
+        twice_threshold,
+        is_binary,
         light.clips_at,
         light.scale,
         limits.min_modulation,
         limits.min_bit_contrast,
-        (size - 1) // gray_code.code_width,
+        first_code,
+        first_code + (size - 1) // width,
         code,
         modulation,
         flags,
     )
-    coordinate = np.empty(light.image_shape)
-    width = gray_code.code_width
-    if _steps(code, 1) >= _steps(code, 0):
-        _locate(frames, bits, inverses, white, black, code, width, coordinate)
-    else:  # the code runs along the image's columns
-        turned = frames.transpose(0, 2, 1)
-        _locate(turned, bits, inverses, white, black, code.T, width, coordinate.T)
-    return AxisMap(coordinate, modulation, flags)
+    coordinate, is_located = np.empty(shape), np.empty(shape, dtype=np.bool_)
+    place = (frames, code, twice_threshold, coordinate, is_located)
+    if _steps(code, 1) < _steps(code, 0):  # the code runs along the image's columns
+        place = (
+            frames.transpose(0, 2, 1),
+            *(code.T, twice_threshold.T, coordinate.T, is_located.T),
+        )
+    turned, codes, levels, at, located = place
+    _locate(
+        turned,
+        bits,
+        inverses,
+        white,
+        black,
+        levels,
+        is_binary,
+        codes,
+        width,
+        first_code,
+        at,
+        located,
+    )
+    return CodeMap(coordinate, modulation, flags, is_located, 0.5 * width)
+
+
+def _twice_threshold(
+    light: Light, gray_code: GrayCode, thresholds: Sequence[Fringe]
+) -> NDArray[np.float32]:
+    """Return twice the middle between lit and unlit: of bits and inverses, or the fringes' mean."""
+    if gray_code.inverse_frames:
+        frames = gray_code.frames + gray_code.inverse_frames
+        weights = np.full(len(frames), 1.0 / len(gray_code.frames))
+    else:
+        frames = tuple(frame for fringe in thresholds for frame in fringe.frames)
+        weights = np.concatenate([fringe.solver()[0] for fringe in thresholds])
+        weights *= 2.0 / len(thresholds)
+    total = np.empty(light.image_shape, dtype=np.float32)
+    _add(light.frames, np.array(frames, dtype=np.int64), weights, total)
+    return total
+
+
+@njit(parallel=True)
+def _add(
+    frames: Levels,
+    frame: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    total: NDArray[np.float32],
+) -> None:
+    for r in numba.prange(total.shape[0]):
+        for c in range(total.shape[1]):
+            value = 0.0
+            for k in range(frame.size):
+                value += weights[k] * frames[frame[k], r, c]
+            total[r, c] = value
 
 
 def _steps(code: NDArray[np.int32], axis: int) -> int:
@@ -113,14 +187,17 @@ def _signal(
     inverses: NDArray[np.int64],
     white: int,
     black: int,
+    twice_threshold: NDArray[np.float32],
     bit: int,
     r: int,
     c: int,
 ) -> float:
     """Lit minus unlit of one bit at one pixel, on the scale of white minus black."""
     lit = float(frames[bits[bit], r, c])
-    if inverses.size:
+    if bit < inverses.size:
         return lit - float(frames[inverses[bit], r, c])
+    if twice_threshold.size:
+        return 2.0 * lit - float(twice_threshold[r, c])
     return 2.0 * lit - float(frames[white, r, c]) - float(frames[black, r, c])
 
 
@@ -131,10 +208,13 @@ def _read_codes(
     inverses: NDArray[np.int64],
     white: int,
     black: int,
+    twice_threshold: NDArray[np.float32],
+    is_binary: bool,
     clips_at: float,
     scale: float,
     min_modulation: float,
     min_bit_contrast: float,
+    first_code: int,
     last_code: int,
     code: NDArray[np.int32],
     modulation: NDArray[np.float32],
@@ -152,28 +232,31 @@ def _read_codes(
                 if frames[white, r, c] >= clips_at:
                     flag |= CLIPPED
             for b in range(n_bits):
-                signals[b] = _signal(frames, bits, inverses, white, black, b, r, c)
+                signals[b] = _signal(frames, bits, inverses, white, black, twice_threshold, b, r, c)
                 if white < 0:
                     contrast = max(contrast, abs(signals[b]))
                 if frames[bits[b], r, c] >= clips_at or (
-                    inverses.size > 0 and frames[inverses[b], r, c] >= clips_at
+                    b < inverses.size and frames[inverses[b], r, c] >= clips_at
                 ):
                     flag |= CLIPPED
             modulation[r, c] = max(0.0, 0.5 * contrast * scale)
             value, bit, undecided = 0, 0, 0
             for b in range(n_bits):
+                if is_binary:
+                    bit = 0
                 if signals[b] > 0.0:
                     bit ^= 1
                 value = 2 * value + bit
                 if abs(signals[b]) < min_bit_contrast * contrast:
-                    undecided += 1
+                    # Of a binary code only the last bit changes alone.
+                    undecided += 2 if is_binary and b < n_bits - 1 else 1
             if 0.5 * contrast * scale < min_modulation or contrast <= 0.0:
                 flag |= LOW_MODULATION
                 value = -1
             elif undecided > 1:
                 flag |= AMBIGUOUS
                 value = -1
-            elif value > last_code:
+            elif value < first_code or value > last_code:
                 flag |= OUTSIDE
                 value = -1
             code[r, c] = value
@@ -187,9 +270,13 @@ def _locate(
     inverses: NDArray[np.int64],
     white: int,
     black: int,
+    twice_threshold: NDArray[np.float32],
+    is_binary: bool,
     code: NDArray[np.int32],
     width: int,
+    first_code: int,
     coordinate: NDArray[np.float64],
+    is_located: NDArray[np.bool_],
 ) -> None:
     """Run along the rows and interpolate between the code's edges."""
     n_pixels = code.shape[1]
@@ -204,23 +291,27 @@ def _locate(
             right_at, right_edge = np.nan, 0.0
             following = code[r, end] if end < n_pixels else -1
             if value >= 0 and following >= 0 and abs(value - following) == 1:
-                differing = (value ^ (value >> 1)) ^ (following ^ (following >> 1))
-                bit = bits.size - 1
-                while differing > 1:
-                    differing >>= 1
-                    bit -= 1
-                here = _signal(frames, bits, inverses, white, black, bit, r, end - 1)
-                there = _signal(frames, bits, inverses, white, black, bit, r, end)
+                bit = bits.size - 1  # the last bit of a binary code changes at every edge
+                if not is_binary:
+                    differing = (value ^ (value >> 1)) ^ (following ^ (following >> 1))
+                    while differing > 1:
+                        differing >>= 1
+                        bit -= 1
+                here = _signal(
+                    frames, bits, inverses, white, black, twice_threshold, bit, r, end - 1
+                )
+                there = _signal(frames, bits, inverses, white, black, twice_threshold, bit, r, end)
                 right_at = end - 1 + here / (here - there)  # opposite in sign: never 0/0
-                right_edge = max(value, following) * width - 0.5
+                right_edge = (max(value, following) - first_code) * width - 0.5
             # False without an edge (NaN), and for a fold, where both edges are the same.
             between = right_at > left_at and right_edge != left_edge
             for i in range(start, end):
                 position = np.nan
                 if value >= 0:
-                    position = value * width + 0.5 * (width - 1)
+                    position = (value - first_code) * width + 0.5 * (width - 1)
                 if between:
                     share = (i - left_at) / (right_at - left_at)
                     position = left_edge + share * (right_edge - left_edge)
                 coordinate[r, i] = position
+                is_located[r, i] = between
             start, left_at, left_edge = end, right_at, right_edge

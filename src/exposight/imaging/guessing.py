@@ -23,10 +23,11 @@ from exposight.contradictions.codes import (
 )
 from exposight.contradictions.steps import Relation, best_relation, relation
 from exposight.errors import ImageError
+from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.consistency import line_pairs
 from exposight.imaging.frame_roles import FrameRoles, frame_roles
 from exposight.imaging.frames import FrameStack
-from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 _Array = NDArray[np.float64]
 

@@ -25,10 +25,10 @@ from exposight.compiled import njit
 from exposight.errors import ImageError
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.geometry.cameras import distort_point
+from exposight.imaging.codings import Fringe
 from exposight.imaging.decoded import DecodedMap
-from exposight.imaging.decoding import phase_solver
 from exposight.imaging.frames import FrameStack, Levels
-from exposight.imaging.sequences import Fringe, PatternSequence
+from exposight.imaging.sequences import PatternSequence
 
 FloatArray = NDArray[np.float64]
 
@@ -177,8 +177,8 @@ def _variances(samples: FloatArray, fringe: Fringe, turns: FloatArray) -> FloatA
     nothing beside them, and its noise is not independent of the residuals': photons come in
     brighter samples more unevenly. The mean's is, and that of the phase of another fringe.
     """
-    mean = phase_solver(fringe.shifts_deg)[0] @ samples
-    shifts = np.radians(fringe.shifts_deg)
+    mean = fringe.solver()[0] @ samples
+    shifts = np.radians(fringe.steps_deg)
     design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
     left = np.linalg.svd(design)[0][:, 3:].T  # (N − 3, N): orthonormal, blind to sines
     residuals, levels = left @ samples, left**2 @ samples
@@ -265,7 +265,7 @@ def with_sigma_z(
     if fault:
         raise ImageError(fault)
     finest = [(name, coding.fringes[-1], size) for name, coding, size in sequence.axes()]
-    solvers = [phase_solver(fringe.shifts_deg) for _, fringe, _ in finest]
+    solvers = [fringe.solver() for _, fringe, _ in finest]
     sigma = np.empty(stack.image_shape, dtype=np.float32)
     _propagate(
         cloud.points,

@@ -16,7 +16,7 @@ from exposight.cell import full_scale
 from exposight.errors import ImageError
 
 _PHASES = 4096
-"""Entries of a phase table: linear between them, it is exact to 1e-6 of a period."""
+"""Steps of a phase table over one period: linear between them, it is exact to 1e-6 of it."""
 
 
 def light_of_levels(
@@ -85,3 +85,47 @@ def check_gamma(gamma: float, name: str) -> None:
     if not 0.1 <= gamma <= 10:
         msg = f"{name} must be from 0.1 to 10 (2.2 is usual, 1 for none), got {gamma:g}"
         raise ImageError(msg)
+
+
+def phase_correction(
+    steps_deg: Sequence[float], gamma: float, contrast: float = 1.0
+) -> NDArray[np.float64]:
+    """Return what is to be added to the phase of a fringe whose projector has a gamma.
+
+    Parameters
+    ----------
+    steps_deg : sequence of float, degrees
+        Phase shifts of the fringe.
+    gamma : float
+        The projector's light is its input v = ½·(1 + contrast·cos(φ − δ_k)) to this power.
+    contrast : float
+        Of the fringe as it is sent to the projector.
+
+    Returns
+    -------
+    (4097,) ndarray of float64, periods
+        For measured phases from −½ to ½ period.
+
+    Raises
+    ------
+    ImageError
+        If the gamma bends the steps so much that two phases look alike.
+    """
+    steps = np.radians(np.asarray(steps_deg, dtype=np.float64))
+    phase = np.arange(_PHASES) / _PHASES - 0.5
+    angle = 2.0 * np.pi * phase[:, None] - steps
+    light = (0.5 * (1.0 + contrast * np.cos(angle))) ** gamma
+    design = np.column_stack([np.ones_like(steps), np.cos(steps), np.sin(steps)])
+    _, cosine, sine = np.linalg.pinv(design) @ light.T
+    error = np.arctan2(sine, cosine) / (2.0 * np.pi) - phase
+    error -= np.rint(error)
+    measured = phase + error
+    if not (np.diff(measured, append=measured[0] + 1.0) > 0).all():
+        msg = (
+            f"with a projector's gamma of {gamma:g}, {len(steps)} steps at {list(steps_deg)} "
+            "degrees measure the same phase in two places; use more steps, or linearise the "
+            "projector"
+        )
+        raise ImageError(msg)
+    wanted = np.linspace(-0.5, 0.5, _PHASES + 1)
+    return np.asarray(-np.interp(wanted, measured, error, period=1.0))

@@ -16,10 +16,12 @@
     inverse_frames = []
     code_width = 2                 # projector px
 
-    [[columns.fringes]]            # from few periods to many; with or without gray_code
+    [[columns.fringes]]            # in any order; with or without gray_code
     periods = 16
     frames = [12, 13, 14]
     shifts_deg = [0, 120, 240]     # equal steps if left out
+
+docs/formats.md describes every key.
 """
 
 import json
@@ -31,7 +33,8 @@ from types import MappingProxyType
 
 from exposight.errors import FormatError, ImageError, did_you_mean
 from exposight.files import read_text, validate
-from exposight.imaging.sequences import AxisCoding, Fringe, GrayCode, PatternSequence
+from exposight.imaging.codings import Fringe, GrayCode
+from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 
 def _frames(first: int, stop: int, step: int = 1) -> tuple[int, ...]:

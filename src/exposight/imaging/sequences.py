@@ -1,11 +1,8 @@
 """Which frame of a recording means what: Gray code, phase shift, and where they stand.
 
-A pattern sequence codes the projector's columns, its rows, or both. Projector coordinates follow
-``docs/conventions.md``: pixel centres are integers, so code c of a Gray code whose codes are w
-pixels wide covers c·w − ½ … (c + 1)·w − ½, and a fringe's phase is 0 at the centre of column 0.
+A pattern sequence codes the projector's columns, its rows, or both.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,160 +14,92 @@ from pydantic import Field
 
 from exposight.cell import BitDepth
 from exposight.errors import ImageError
+from exposight.imaging.codings import FrameNumber, Fringe, GrayCode
 from exposight.imaging.frame_files import Alignment, Channel
 from exposight.imaging.frames import check_saturation_level
-from exposight.imaging.response import light_of_levels
-
-_MAX_BITS = 16
-
-_Frame = Annotated[int, Field(ge=0)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class GrayCode:
-    """Binary reflected Gray code of one projector axis.
-
-    Parameters
-    ----------
-    frames : tuple of int
-        Frame of every bit, most significant first.
-    inverse_frames : tuple of int
-        Frame of every bit's inverse; empty where the threshold is the middle of the sequence's
-        white and black frames.
-    code_width : int, px
-        Projector pixels per code: 2 where the finest of the bits was left out.
-
-    Raises
-    ------
-    ImageError
-        If there is no bit or more than 16, the inverses do not match, or the width is below 1.
-    """
-
-    frames: tuple[_Frame, ...]
-    inverse_frames: tuple[_Frame, ...] = ()
-    code_width: int = 1
-
-    def __post_init__(self) -> None:
-        if not 1 <= len(self.frames) <= _MAX_BITS:
-            msg = f"a Gray code needs 1 to {_MAX_BITS} frames, got {len(self.frames)}"
-            raise ImageError(msg)
-        if self.inverse_frames and len(self.inverse_frames) != len(self.frames):
-            msg = (
-                f"a Gray code of {len(self.frames)} frames needs as many inverse frames or none, "
-                f"got {len(self.inverse_frames)}"
-            )
-            raise ImageError(msg)
-        if self.code_width < 1:
-            msg = f"a Gray code's width must be at least 1 projector px, got {self.code_width}"
-            raise ImageError(msg)
-
-    def slides(self, size: int) -> dict[int, NDArray[np.float64]]:
-        """Return 0 or 1 along an axis of `size` px, (size,), by frame."""
-        code = np.arange(size) // self.code_width
-        slides = {}
-        for i, frame in enumerate(self.frames):
-            bit = ((code ^ (code >> 1)) >> (len(self.frames) - 1 - i)) & 1
-            slides[frame] = bit.astype(np.float64)
-            if self.inverse_frames:
-                slides[self.inverse_frames[i]] = 1.0 - slides[frame]
-        return slides
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fringe:
-    """One sinusoidal fringe, shifted N ≥ 3 times: I_k = A + B·cos(φ − δ_k).
-
-    Parameters
-    ----------
-    periods : float
-        Periods across the projector's width (for columns) or height (for rows).
-    frames : tuple of int
-        Frame of every step.
-    shifts_deg : tuple of float, degrees
-        δ_k of every step; empty for equal steps δ_k = k·360°/N.
-
-    Raises
-    ------
-    ImageError
-        If steps are too few, do not match the shifts, or leave the phase undetermined.
-    """
-
-    periods: float
-    frames: tuple[_Frame, ...]
-    shifts_deg: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not 0 < self.periods < math.inf:
-            msg = f"a fringe's number of periods must be above 0, got {self.periods}"
-            raise ImageError(msg)
-        if len(self.frames) < 3:
-            msg = f"a phase shift needs at least 3 steps, got {len(self.frames)} frames"
-            raise ImageError(msg)
-        if not self.shifts_deg:
-            n = len(self.frames)
-            object.__setattr__(self, "shifts_deg", tuple(360.0 * k / n for k in range(n)))
-        if len(self.shifts_deg) != len(self.frames):
-            msg = f"{len(self.frames)} steps need as many shifts, got {len(self.shifts_deg)}"
-            raise ImageError(msg)
-        shifts = np.exp(1j * np.radians(self.shifts_deg))
-        design = np.column_stack([np.ones(len(shifts)), shifts.real, shifts.imag])
-        if not np.isfinite(shifts).all() or np.linalg.cond(design) > 100.0:
-            msg = (
-                "a phase needs at least three different shifts, well apart over a period, got "
-                f"{self.shifts_deg} degrees"
-            )
-            raise ImageError(msg)
+from exposight.imaging.ladders import Ladder, unwrapping_ladder
+from exposight.imaging.response import check_gamma, light_of_levels
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisCoding:
     """How one projector axis is coded: by Gray code, phase-shifted fringes, or both.
 
-    Fringes are unwrapped from coarse to fine. Without a Gray code the first one must have at most
-    one period, and so is absolute. With one, the Gray code is what the fringes are unwrapped
-    against; where there are two fringes or more, the beat of the two coarsest stands between, since
-    a code is uncertain by its width.
+    Fringes are unwrapped from coarse to fine, by themselves and by their beats
+    (`exposight.imaging.ladders`). The first phase is absolute, as it has one period or less over
+    the projector, or is unwrapped by the Gray code.
 
     Parameters
     ----------
     gray_code : GrayCode, optional
         The coordinate, or a coarse one where there are fringes.
     fringes : tuple of Fringe
-        In ascending order of their periods.
+        Of different periods, in any order; kept from few periods to many.
+    mirrored : bool
+        True where the projector showed the patterns mirrored along this axis: what is meant for its
+        first column on its last one.
 
     Raises
     ------
     ImageError
-        If nothing codes the axis, the fringes do not ascend, or nothing makes the coarsest
-        absolute.
+        If nothing codes the axis, or two fringes have the same number of periods.
     """
 
     gray_code: GrayCode | None = None
     fringes: tuple[Fringe, ...] = ()
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
-        periods = [fringe.periods for fringe in self.fringes]
-        if any(fine <= coarse for coarse, fine in pairwise(periods)):
-            msg = f"fringes must be given from few periods to many, got {periods}"
-            raise ImageError(msg)
-        if self.gray_code is not None:
-            return
-        if not periods:
+        fringes = tuple(sorted(self.fringes, key=lambda fringe: fringe.periods))
+        object.__setattr__(self, "fringes", fringes)
+        for coarse, fine in pairwise(fringes):
+            if coarse.periods == fine.periods:
+                msg = (
+                    f"two fringes of {fine.periods:g} periods: give one of them, or both as one "
+                    "fringe with the shifts of all their steps"
+                )
+                raise ImageError(msg)
+        if self.gray_code is None and not fringes:
             msg = "columns and rows each need a gray_code table, fringes, or both"
-            raise ImageError(msg)
-        if periods[0] > 1:
-            msg = (
-                f"without a Gray code the coarsest fringe must have one period, got {periods[0]:g};"
-                " add such a fringe or a Gray code"
-            )
             raise ImageError(msg)
 
     @property
     def frames(self) -> tuple[int, ...]:
         """Every frame it uses."""
         steps = tuple(frame for fringe in self.fringes for frame in fringe.frames)
-        gray = self.gray_code
-        return steps if gray is None else steps + gray.frames + gray.inverse_frames
+        return steps if self.gray_code is None else steps + self.gray_code.all_frames
+
+    def ladder(self, size: int) -> Ladder:
+        """Return the steps by which the fringes are unwrapped over an axis of `size` px.
+
+        Raises
+        ------
+        ImageError
+            If nothing makes them absolute.
+        """
+        return unwrapping_ladder(
+            tuple(fringe.periods for fringe in self.fringes),
+            tuple(len(fringe.frames) for fringe in self.fringes),
+            size,
+            None if self.gray_code is None else self.gray_code.finest_width,
+        )
+
+    def slides(self, size: int) -> dict[int, NDArray[np.float64]]:
+        """Return the light of the code's frames along an axis of `size` px, (size,), by frame."""
+        if self.gray_code is None:
+            return {}
+        slides = self.gray_code.slides(size)
+        return {frame: lit[::-1] for frame, lit in slides.items()} if self.mirrored else slides
+
+    def shown_deg(self, fringe: Fringe, size: int) -> tuple[float, ...]:
+        """Return a fringe's shifts as the projector shows them: I_k = A + B·cos(2π·p·u/size − δ_k).
+
+        They differ from its `steps_deg` where the axis is mirrored.
+        """
+        if not self.mirrored:
+            return fringe.steps_deg
+        last = 360.0 * fringe.periods * (size - 1) / size  # the phase that column 0 shows
+        return tuple(last - step for step in fringe.steps_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +115,8 @@ class PatternSequence:
     columns, rows : AxisCoding, optional
         How projector columns (u) and rows (v) are coded; at least one of them is.
     white_frame, black_frame : int, optional
-        Fully lit and unlit frame; both or neither. Gray code without inverse frames needs them.
+        Fully lit and unlit frame; both or neither. Gray code needs them where it has no inverse
+        frames and there are no fringes.
     unused_frames : tuple of int
         Frames of the folder without a meaning.
     bit_depth : int, 8 to 16
@@ -201,6 +131,11 @@ class PatternSequence:
         Grey level and relative light of the camera, pair by pair (`light_of_levels`).
     camera_gamma : float, optional
         In place of that: light is the grey level to this power.
+    projector_gamma : float
+        The projector's light is its input to this power; phases are corrected for it.
+    pattern_contrast : float
+        Contrast of the fringes as they are sent to a projector with a gamma: (brightest − darkest)
+        over their sum, 1 where they go down to black.
     file_pattern : str
         Which files of the recording's folder are its frames.
     grey_noise : float, grey levels 0–255, optional
@@ -218,21 +153,27 @@ class PatternSequence:
     projector_height: int
     columns: AxisCoding | None = None
     rows: AxisCoding | None = None
-    white_frame: _Frame | None = None
-    black_frame: _Frame | None = None
-    unused_frames: tuple[_Frame, ...] = ()
+    white_frame: FrameNumber | None = None
+    black_frame: FrameNumber | None = None
+    unused_frames: tuple[FrameNumber, ...] = ()
     bit_depth: BitDepth = 8
     alignment: Alignment = "low"
     channel: Channel | None = None
     saturation_level: int | None = None
     camera_response: tuple[tuple[float, float], ...] = ()
     camera_gamma: float | None = None
+    projector_gamma: float = 1.0
+    pattern_contrast: float = 1.0
     file_pattern: str = "*.png"
     grey_noise: Annotated[float, Field(gt=0, lt=255)] | None = None
 
     def __post_init__(self) -> None:
         check_saturation_level(self.saturation_level, self.bit_depth)
         self.response()  # refuses what is none
+        check_gamma(self.projector_gamma, "projector_gamma")
+        if not 0 < self.pattern_contrast <= 1:
+            msg = f"pattern_contrast must be above 0 and at most 1, got {self.pattern_contrast}"
+            raise ImageError(msg)
         for fault in self._faults():
             raise ImageError(fault)
 
@@ -250,32 +191,38 @@ class PatternSequence:
         if min(used) < 0:
             yield f"frames are numbered from 0, got {min(used)}"
         for axis, coding, size in self.axes():
-            gray = coding.gray_code
-            if gray is None:
-                continue
-            if not gray.inverse_frames and self.white_frame is None:
-                yield (
-                    f"the Gray code of the {axis} has no inverse frames; say which frames are "
-                    "white and black, or which are the inverses"
-                )
-            covered = 2 ** len(gray.frames) * gray.code_width
-            if covered < size:
-                yield (
-                    f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; "
-                    "check the number of bits and the width of a code"
-                )
-            if not coding.fringes:
-                continue
-            periods = [fringe.periods for fringe in coding.fringes]
-            coarsest = size / (periods[1] - periods[0] if len(periods) > 1 else periods[0])
-            if coarsest < gray.code_width:
-                yield (
-                    f"the Gray code of the {axis} is {gray.code_width} px wide, more than the "
-                    f"{coarsest:g} px over which the coarsest fringes are unambiguous"
-                )
+            if coding.gray_code is not None:
+                yield from self._faults_of_code(axis, coding.gray_code, size)
+            if coding.fringes:
+                try:
+                    coding.ladder(size)
+                except ImageError as error:
+                    yield f"{axis}: {error}"
         twice = sorted({frame for frame in used if used.count(frame) > 1})
         if twice:
             yield f"a frame has one meaning, but {twice} are used more than once"
+
+    def _faults_of_code(self, axis: str, gray: GrayCode, size: int) -> Iterator[str]:
+        if (
+            not gray.inverse_frames
+            and self.white_frame is None
+            and not self.threshold_fringes(axis)
+        ):
+            yield (
+                f"the Gray code of the {axis} has no inverse frames; say which frames are "
+                "white and black, or which are the inverses"
+            )
+        covered = (2 ** len(gray.frames) - gray.first_code) * gray.code_width
+        if covered < size:
+            yield (
+                f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; "
+                "check the number of bits, the width of a code and the first code"
+            )
+
+    def threshold_fringes(self, axis: str) -> tuple[Fringe, ...]:
+        """Return the fringes whose mean is a code's threshold: the axis' own, else the other's."""
+        own = {name: coding.fringes for name, coding, _ in self.axes()}
+        return own.pop(axis) or next(iter(own.values()), ())
 
     def _used_frames(self) -> list[int]:
         used = [frame for _, coding, _ in self.axes() for frame in coding.frames]
@@ -304,10 +251,9 @@ class PatternSequence:
         """
         slides: dict[int, NDArray[np.float64]] = {}
         for axis, coding, size in self.axes():
-            if coding.gray_code is not None:
-                shape = (1, -1) if axis == "columns" else (-1, 1)
-                lit = coding.gray_code.slides(size)
-                slides |= {frame: each.reshape(shape) for frame, each in lit.items()}
+            shape = (1, -1) if axis == "columns" else (-1, 1)
+            lit = coding.slides(size)
+            slides |= {frame: each.reshape(shape) for frame, each in lit.items()}
         if self.white_frame is not None and self.black_frame is not None:
             slides[self.white_frame] = np.ones((1, 1))
             slides[self.black_frame] = np.zeros((1, 1))
@@ -317,15 +263,17 @@ class PatternSequence:
     def finest_frames(self) -> tuple[int, ...]:
         """Frames of the finest pattern: all steps of a fringe, or a bit and its inverse.
 
-        Where a Gray code has no inverse frames they are the white and the black one. Their mean is
-        what is lit evenly.
+        Where a Gray code has no inverse frames they are the white and the black one, or else the
+        steps of the other axis' fringe. Their mean is what is lit evenly.
         """
-        _, coding, _ = self.axes()[0]
+        axis, coding, _ = self.axes()[0]
         if coding.fringes or coding.gray_code is None:
             return coding.fringes[-1].frames
         if coding.gray_code.inverse_frames:
             return coding.gray_code.frames[-1:] + coding.gray_code.inverse_frames[-1:]
-        return tuple(f for f in (self.white_frame, self.black_frame) if f is not None)
+        if self.white_frame is not None and self.black_frame is not None:
+            return (self.white_frame, self.black_frame)
+        return self.threshold_fringes(axis)[-1].frames
 
     @property
     def n_frames(self) -> int:

@@ -241,6 +241,14 @@ def test_a_camera_of_12_bits_sees_what_one_of_8_does(stripes, light) -> None:
         replace(stripes, sequence=deep.sequence)
 
 
+@pytest.mark.parametrize(
+    "curve", [{"camera_gamma": 2.2}, {"projector_gamma": 2.2}, {"saturation_level": 240}]
+)
+def test_curves_that_the_simulated_cell_has_not_are_refused(stripes, curve) -> None:
+    with pytest.raises(SensorError, match="are linear up to full scale; leave the response"):
+        replace(stripes, sequence=replace(stripes.sequence, **curve))
+
+
 def test_depth_noise_is_predicted_and_can_be_limited(stripes, light, true_depth_mm) -> None:
     whole, again = (stripes.capture(light, 60.0, view="v", seed=(4, 5, i)).cloud for i in (0, 1))
     (stack,) = stripes.frames(light, 60.0, (4, 5, 0))

@@ -75,7 +75,7 @@ def projected(sequence: PatternSequence, contrast: float) -> Patterns:
                     "periods: a period needs two px or more"
                 )
                 raise ImageError(msg)
-            shift = np.radians(fringe.shifts_deg)
+            shift = np.radians(coding.shown_deg(fringe, size))
             planes[list(fringe.frames)] = n_planes
             weights[list(fringe.frames)] = np.stack([np.cos(shift), np.sin(shift)], axis=-1)
             waves[axis].append(fringe.periods / size)

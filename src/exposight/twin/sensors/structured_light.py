@@ -119,6 +119,17 @@ class StripeSensor:
                 f"sequence {sequence.name!r} {sequence.bit_depth}; say the same in both"
             )
             raise ImageError(msg)
+        if (
+            sequence.response() is not None
+            or sequence.projector_gamma != 1.0
+            or sequence.saturation_level is not None
+        ):
+            msg = (
+                f"sensor {self.sensor.name!r}: its camera and projector are linear up to full "
+                f"scale; leave the response, gamma and saturation level out of sequence "
+                f"{sequence.name!r}"
+            )
+            raise SensorError(msg)
         if self.max_depth_noise_mm is not None and why_no_sigma(sequence):
             msg = (
                 f"sensor {self.sensor.name!r}: depth noise is predicted from fringes, sequence "
