@@ -81,9 +81,15 @@ def test_an_image_of_another_size_does_not_fit(make_capture, sensor):
 
 
 def test_a_cloud_organised_otherwise_does_not_fit(make_capture, sensor):
-    capture = replace(make_capture(), cloud=Cloud(points=np.ones((6, 8, 3))))
-    with pytest.raises(CloudError, match="the image's 12 rows × 16 columns, got 6 × 8"):
+    capture = replace(make_capture(), cloud=Cloud(points=np.ones((6, 9, 3))))
+    with pytest.raises(CloudError, match="or half, a third, … of both, got 6 × 9"):
         capture.check_fits(sensor)
+
+
+@pytest.mark.parametrize("ratio", [2, 4])
+def test_a_cloud_at_a_fraction_of_the_resolution_fits(make_capture, sensor, ratio):
+    cloud = Cloud(points=np.ones((12 // ratio, 16 // ratio, 3)))
+    replace(make_capture(), cloud=cloud).check_fits(sensor)
 
 
 def test_an_unorganised_cloud_fits(make_capture, sensor):

@@ -111,6 +111,27 @@ def test_a_cloud_of_another_size_than_the_image_is_counted_exactly(sensor, views
     assert counts.tolist() == counted_one_by_one(smaller, views)
 
 
+@pytest.mark.parametrize("ratio", [2, 4])
+@pytest.mark.parametrize("means", [False, True])
+def test_a_coarser_grid_counts_its_own_pixels(sensor, views, plate_cloud, ratio, means):
+    """A whole cloud has p_norm 1 whatever its resolution, but for the pixels at rings' edges."""
+    plane = plate_cloud(sensor.camera, CAMERA_FROM_PART)
+    views = [view for view in views if view.n_pixels]
+    points = plane.points
+    rows, columns = (size // ratio * ratio for size in points.shape[:2])
+    points = points[:rows, :columns]
+    if means:
+        points = points.reshape(rows // ratio, ratio, columns // ratio, ratio, 3).mean(axis=(1, 3))
+    else:
+        points = points[::ratio, ::ratio]
+    search = point_search(Cloud(points=points), sensor.camera)
+    counts, pixels = search.count(views), search.pixels(views)
+    whole = point_search(plane, sensor.camera)
+    assert whole.pixels(views).tolist() == [view.n_pixels for view in views]
+    assert pixels.sum() == pytest.approx(whole.pixels(views).sum() / ratio**2, rel=0.1)
+    assert counts.sum() == pytest.approx(pixels.sum(), rel=0.02)
+
+
 @pytest.mark.parametrize("organised", [True, False])
 def test_a_cloud_without_points_counts_none(sensor, views, organised):
     shape = (sensor.camera.height, sensor.camera.width, 3) if organised else (10, 3)

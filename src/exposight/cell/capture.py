@@ -21,7 +21,7 @@ from exposight.cell.image import GREY_MAX, Image, full_scale, png_bytes, read_on
 from exposight.cell.sensor import ActiveSensor, StoredPose
 from exposight.cell.stack_images import BrightnessSource, StackImages, check_source
 from exposight.errors import CloudError, FormatError, ImageError, InputError
-from exposight.geometry import RigidTransform
+from exposight.geometry import RigidTransform, grid_ratio
 
 _DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz")
 
@@ -53,7 +53,8 @@ class Capture:
         One image of the first camera, in which brightness is averaged (Sect. 3.1.2 of the paper);
         `brightness_source` says which. Copied, made read-only.
     cloud : Cloud or None
-        In the first camera's frame, mm; None where it was not kept, which is not the same as a
+        In the first camera's frame, mm, organised like the image or at a whole fraction of its
+        resolution, or not organised; None where it was not kept, which is not the same as a
         cloud without any point.
     camera_from_part : RigidTransform
         Where the part stood, as the cell reports it.
@@ -168,7 +169,8 @@ class Capture:
         ImageError
             If the image is not of the size of the sensor's first camera.
         CloudError
-            If the cloud is organised otherwise than the image.
+            If the cloud is organised otherwise than the image, and not at a whole fraction of its
+            resolution.
         SensorError
             If the exposure time is outside the sensor's range.
         """
@@ -180,10 +182,11 @@ class Capture:
             )
             raise ImageError(msg)
         cloud = self.cloud
-        if cloud is not None and cloud.organised and cloud.valid.shape != size:
+        if cloud is not None and cloud.organised and grid_ratio(cloud.valid.shape, size) is None:
             msg = (
                 f"{self}: an organised cloud must have the image's {size[0]} rows × {size[1]} "
-                f"columns, got {cloud.valid.shape[0]} × {cloud.valid.shape[1]}"
+                f"columns, or half, a third, … of both, got {cloud.valid.shape[0]} × "
+                f"{cloud.valid.shape[1]}"
             )
             raise CloudError(msg)
         sensor.check_exposure(self.exposure_ms)

@@ -48,12 +48,14 @@ class SingleCapture(PoseOptions):
     channel
         Which channel of a colour image is read.
     cloud
-        Point cloud in the camera's frame.
+        Point cloud in the camera's frame, or depth image (.png, .tif, .npy) of the camera.
     cloud_unit
         Unit of the cloud (mm by default); its file does not say.
     cloud_axes
         Which of the file's axes are the camera's x (right), y (down) and z (ahead): x -y -z for a
         cloud made for viewers that use OpenGL.
+    depth_scale
+        Of a depth image: mm a step, 0.1 where it is in tenths of a mm; its file does not say.
     features
         The part's features, CSV (docs/formats.md).
     sensor
@@ -71,6 +73,7 @@ class SingleCapture(PoseOptions):
     cloud: Path | None = None
     cloud_unit: Literal["mm", "cm", "m"] | None = None
     cloud_axes: Annotated[tuple[str, str, str] | None, Parameter(allow_leading_hyphen=True)] = None
+    depth_scale: Annotated[float | None, Parameter(metavar="MM")] = None
     features: Path | None = None
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     exposure_ms: float | None = None
@@ -100,6 +103,7 @@ class SingleCapture(PoseOptions):
             or (self.pose is None and self.robot_pose is None)
         ):
             raise UsageError(self._missing())
+        sensor = cell.sensor_named_or_read(self.sensor)
         bit_depth = self.bit_depth or 8
         stack = read_frames(
             [self.image],
@@ -115,18 +119,29 @@ class SingleCapture(PoseOptions):
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
             image=cast("cell.Image", image.astype(stack.frames.dtype)),
-            cloud=cell.read_cloud(
-                self.cloud, unit=self.cloud_unit or "mm", axes=self.cloud_axes or ("x", "y", "z")
-            ),
+            cloud=self._cloud(self.cloud, sensor),
             camera_from_part=self.camera_from_part(),
             bit_depth=bit_depth,
             brightness_source=self.brightness_source or "stripe",
         )
         part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
-        sensor = cell.sensor_named_or_read(self.sensor)
         return cell.MemoryCampaign(
             name=str(self.image), sensor=sensor, part=part, captures=[capture]
         )
+
+    def _cloud(self, path: Path, sensor: cell.ActiveSensor) -> cell.Cloud:
+        """Read a cloud, or a depth image as one."""
+        if not cell.is_depth_image(path):
+            if self.depth_scale is not None:
+                msg = f"--depth-scale is of depth images; {path} is a point cloud (--cloud-unit)"
+                raise UsageError(msg)
+            return cell.read_cloud(
+                path, unit=self.cloud_unit or "mm", axes=self.cloud_axes or ("x", "y", "z")
+            )
+        if self.cloud_unit is not None or self.cloud_axes is not None:
+            msg = f"{path} is a depth image: its unit is --depth-scale MM, its axes the camera's"
+            raise UsageError(msg)
+        return cell.read_depth_cloud(path, sensor, scale_mm=self.depth_scale)
 
     def _missing(self) -> str:
         needed = ("--image", "--cloud", "--features", "--sensor", "--exposure-ms")

@@ -32,6 +32,8 @@ from exposight.geometry import (
     PixelBox,
     RigidTransform,
     count_points_inside,
+    grid_camera,
+    grid_ratio,
     outlines_in_camera,
     pixel_boxes,
     ring_pixels,
@@ -324,11 +326,17 @@ class PointSearch:
         Points that lie where their pixels look; others are NaN.
     by_slice : (n, 3) ndarray of float32 or None
         All other points.
+    grid : PinholeCamera, optional
+        The camera of the cloud's own grid, where that is coarser than the image.
     """
 
     def __init__(
-        self, by_pixel: NDArray[np.float32] | None, by_slice: NDArray[np.float32] | None
+        self,
+        by_pixel: NDArray[np.float32] | None,
+        by_slice: NDArray[np.float32] | None,
+        grid: PinholeCamera | None = None,
     ) -> None:
+        self._grid = grid
         self._by_pixel, self._by_slice = by_pixel, by_slice
         if by_slice is not None:
             self._axis = int(np.argmax(np.ptp(by_slice, axis=0))) if len(by_slice) else 0
@@ -343,6 +351,14 @@ class PointSearch:
         if self._by_slice is not None:
             counts += _count(views, self._by_slice, [self._slice(view) for view in views])
         return counts
+
+    def pixels(self, views: Sequence[FeatureView]) -> NDArray[np.int64]:
+        """Return the paper's n_max,2D (Eq. 6) of each feature: pixels of the cloud's own grid."""
+        if self._grid is None:
+            return np.array([view.n_pixels for view in views], dtype=np.int64)
+        poses = [view.camera_from_feature for view in views]
+        rings = ring_pixels([view.region for view in views], self._grid, poses) if views else ()
+        return np.array([rows.size for rows, _ in rings], dtype=np.int64)
 
     def _slice(self, view: FeatureView) -> PixelBox:
         centre = view.camera_from_feature.translation_mm[self._axis]
@@ -363,10 +379,15 @@ def point_search(cloud: Cloud, camera: PinholeCamera) -> PointSearch:
     cloud : Cloud
         Points in the camera's frame, mm.
     camera : PinholeCamera
-        The camera whose pixels an organised cloud has.
+        The camera whose pixels an organised cloud has, or a whole fraction of them (`grid_ratio`).
     """
-    if not cloud.organised or cloud.valid.shape != (camera.height, camera.width):
+    ratio = grid_ratio(cloud.valid.shape, (camera.height, camera.width))
+    if ratio is None:
         return PointSearch(None, cloud.valid_points)
+    if ratio > 1:
+        rows, columns = cloud.valid.shape
+        grid = grid_camera(camera, (rows, columns), cloud.points)
+        return PointSearch(None, cloud.valid_points, grid)
     allowed_x, allowed_y = _STRAY_PX / camera.fx, _STRAY_PX / camera.fy
     stray, n_stray = _find_strays(cloud.points, camera.rays(), allowed_x, allowed_y)
     if n_stray == 0:

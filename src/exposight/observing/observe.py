@@ -1,7 +1,8 @@
 """From captures to observations: Sect. 3.1 of the paper to the letter.
 
 n_points counts the cloud's points inside the hollow cylinder (Eq. 4), n_pixels the pixels of its
-ring (Eqs. 6, 7), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in the
+ring (Eqs. 6, 7) on the cloud's grid, which is the image's or a whole fraction of it (half its rows
+and columns, say), p_norm is their ratio (Eq. 5), i_avg the mean grey value of those pixels in the
 capture's image, and the pose is that of the feature in the sensor's TCP frame.
 """
 
@@ -58,7 +59,8 @@ def observe_capture(
         One for each feature, also for those that cannot be measured, in the order given.
     """
     measured = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
-    counts = dict(zip(map(id, measured), search.count(measured).tolist(), strict=True))
+    counted = zip(search.count(measured).tolist(), search.pixels(measured).tolist(), strict=True)
+    counts = dict(zip(map(id, measured), counted, strict=True))
     return [_observe(capture, view, counts.get(id(view)), shared) for view in views]
 
 
@@ -237,23 +239,26 @@ def _measured_somewhere(
 def _observe(
     capture: cell.Capture,
     view: masks.FeatureView,
-    n_points: int | None,
+    counts: tuple[int, int] | None,
     shared: Mapping[str, Any],
 ) -> Observation:
-    """Make a row; `n_points` is None where the feature cannot be measured."""
+    """Make a row; (points, pixels) are None where the feature cannot be measured."""
     columns: dict[str, Any] = {"p_norm": None, "i_avg": None}
-    if n_points is not None:
+    visibility = view.visibility
+    if counts is not None and counts[1] == 0:  # on a grid coarser than the image
+        visibility = masks.Visibility.BELOW_ONE_PIXEL
+    elif counts is not None:
         columns = {
-            "p_norm": n_points / view.n_pixels,
-            "n_points": n_points,
-            "n_pixels": view.n_pixels,
+            "p_norm": counts[0] / counts[1],
+            "n_points": counts[0],
+            "n_pixels": counts[1],
             **ring_brightness(capture, view.rows, view.columns),
         }
     return Observation(
         feature=view.feature.name,
         view=capture.view,
         exposure_ms=capture.exposure_ms,
-        visibility=view.visibility.value,
+        visibility=visibility.value,
         emulated=capture.emulated,
         brightness_source=capture.brightness_source,
         finish=view.feature.finish or None,

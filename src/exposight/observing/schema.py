@@ -39,7 +39,8 @@ class Observation:
     radius_mm : float, mm
         The feature's radius.
     n_points, n_pixels : int or None
-        Points in the hollow cylinder (Eq. 4) and pixels of its ring (Eq. 6).
+        Points in the hollow cylinder (Eq. 4) and pixels of its ring (Eq. 6) on the cloud's own
+        grid, which is the image's or a whole fraction of it.
     i_std, i_median, i_p05, i_p95 : float or None
         Spread of the ring's grey values, 0–255.
     clipped_share : float or None

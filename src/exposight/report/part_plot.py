@@ -18,7 +18,7 @@ from exposight.errors import FormatError, MissingFileError
 from exposight.geometry import RigidTransform
 from exposight.report.figures import Plot, coordinates, layout, scene
 from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
-from exposight.report.pictures import brighten
+from exposight.report.pictures import brighten, on_grid
 from exposight.report.shown_view import ShownView
 
 _GREYS = [[0.0, "#5d646c"], [1.0, "#eceef0"]]
@@ -233,8 +233,9 @@ def _add_surface(
     capture = view.captures[view.main]
     if capture.cloud is None or not capture.cloud.organised or not capture.cloud.valid.any():
         return None
-    grey = brighten(capture.grey_levels())[capture.cloud.valid]
-    points = capture.cloud.points[capture.cloud.valid]
+    valid = capture.cloud.valid
+    grey = on_grid(brighten(capture.grey_levels()), valid.shape)[valid]
+    points = capture.cloud.points[valid]
     low, high = np.quantile(points, [_STRAY_SHARE, 1 - _STRAY_SHARE], axis=0)
     inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     inside = inside[:: math.ceil(len(inside) / _POINTS)]

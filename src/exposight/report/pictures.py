@@ -7,6 +7,7 @@ number on a page is of the unchanged values.
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -98,7 +99,8 @@ def marked_picture(capture: Capture) -> NDArray[np.uint8]:
     pixels = np.repeat(brighten(grey)[..., None], 3, axis=2)
     cloud = capture.cloud
     if cloud is not None and cloud.organised:
-        _blend(pixels, ~cloud.valid, np.array(rgb(NO_POINT), dtype=np.float64), _TINT_OPACITY)
+        missing = on_grid(~cloud.valid, grey.shape)
+        _blend(pixels, missing, np.array(rgb(NO_POINT), dtype=np.float64), _TINT_OPACITY)
     pixels[grey >= _FULL_SCALE] = rgb(CLIPPED)
     return np.rint(pixels).astype(np.uint8)
 
@@ -180,6 +182,19 @@ def _widened(ring: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
     width = max(3, round(share * ring.shape[1]) | 1)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
     return np.asarray(cv2.dilate(ring, kernel), dtype=np.uint8)
+
+
+def on_grid(image: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an image (rows, columns) on a finer or coarser grid of the same view: nearest pixels.
+
+    Clouds may have half or a quarter of the image's rows and columns.
+    """
+    if image.shape == shape:
+        return image
+    rows, columns = (
+        np.arange(size) * there // size for size, there in zip(shape, image.shape, strict=True)
+    )
+    return np.asarray(image[np.ix_(rows, columns)])
 
 
 def _blend(
