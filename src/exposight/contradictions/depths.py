@@ -63,16 +63,19 @@ def fitting_scales(
     return tuple(
         scale
         for scale in DEPTH_SCALES_MM
-        if depth.size and _share_within(depth, scale, working_distance_mm) > 0.5
+        if depth.size and _share_within(depth, scale, working_distance_mm, slack=1.0) > 0.5
     )
 
 
 def _share_within(
-    depth: NDArray[np.floating], scale_mm: float, working_distance_mm: tuple[float, float]
+    depth: NDArray[np.floating],
+    scale_mm: float,
+    working_distance_mm: tuple[float, float],
+    slack: float = _SLACK,
 ) -> float:
     near_mm, far_mm = working_distance_mm
     mm = depth * scale_mm
-    return float(np.mean((mm >= near_mm / _SLACK) & (mm <= far_mm * _SLACK)))
+    return float(np.mean((mm >= near_mm / slack) & (mm <= far_mm * slack)))
 
 
 def _scales_text(scales: tuple[float, ...]) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Capture
 from exposight.contradictions import Contradiction, clouds, rings
+from exposight.geometry import grid_camera, grid_ratio
 from exposight.observing import masks
 from exposight.observing.schema import Observation
 
@@ -42,7 +43,7 @@ def capture_contradictions(
     cloud = capture.require_cloud()
     if cloud.organised:
         yield _on_own_pixels(cloud.points, sensor)
-        yield _where_features_are(cloud.points, views, rows)
+        yield _where_features_are(cloud.points, sensor, views, rows)
     else:
         behind = clouds.behind_camera(cloud.points[:: max(1, len(cloud.points) // _SAMPLE)])
         yield behind
@@ -57,8 +58,10 @@ def capture_contradictions(
 
 def _on_own_pixels(points: NDArray[np.float32], sensor: ActiveSensor) -> Contradiction | None:
     camera = sensor.camera
-    if points.shape[:2] != (camera.height, camera.width):
+    rows, columns = points.shape[:2]
+    if grid_ratio((rows, columns), (camera.height, camera.width)) is None:
         return None
+    camera = grid_camera(camera, (rows, columns), points)
     step = max(1, int(np.sqrt(points.shape[0] * points.shape[1] / (4 * _SAMPLE))))
     sampled = points[step // 2 :: step, step // 2 :: step]
     valid = np.isfinite(sampled[..., 0])
@@ -80,15 +83,26 @@ def _on_own_pixels(points: NDArray[np.float32], sensor: ActiveSensor) -> Contrad
 
 
 def _where_features_are(
-    points: NDArray[np.float32], views: Sequence[masks.FeatureView], rows: Sequence[Observation]
+    points: NDArray[np.float32],
+    sensor: ActiveSensor,
+    views: Sequence[masks.FeatureView],
+    rows: Sequence[Observation],
 ) -> Contradiction | None:
     """Compare the points seen in rings' pixels with the features' planes."""
+    # A cloud at a fraction of the image's resolution has a point for several of its pixels.
+    ratio = grid_ratio(points.shape[:2], (sensor.camera.height, sensor.camera.width))
+    if ratio is None:
+        return None
+    last_row, last_column = points.shape[0] - 1, points.shape[1] - 1
     seen, p_norm, off = [], [], []
     for view, row in zip(views, rows, strict=True):
-        if row.p_norm is None or view.rows.size == 0 or view.rows.max() >= len(points):
+        if row.p_norm is None or view.rows.size == 0:
             continue
         step = max(1, view.rows.size // _RING_SAMPLE)
-        there = points[view.rows[::step], view.columns[::step]]
+        there = points[
+            np.minimum(view.rows[::step] // ratio, last_row),
+            np.minimum(view.columns[::step] // ratio, last_column),
+        ]
         valid = np.isfinite(there[:, 0])
         seen.append(float(valid.mean()))
         p_norm.append(row.p_norm)
