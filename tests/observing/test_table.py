@@ -172,7 +172,7 @@ def test_an_empty_table_comes_back(tmp_path, suffix):
 
 @suffixes
 def test_features_whose_names_are_numbers_keep_them(tmp_path, suffix):
-    rows = [replace(MEASURED, feature="007", view="1e3")] * 2
+    rows = [replace(MEASURED, feature="007", view=str(2**63))] * 2
     table_of(*rows).write(tmp_path / f"table{suffix}")
     assert rows_of(read_observations(tmp_path / f"table{suffix}")) == rows
 

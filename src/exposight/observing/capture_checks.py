@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Capture
 from exposight.contradictions import Contradiction, clouds, rings
+from exposight.contradictions.greys import check_greys
 from exposight.geometry import grid_camera, grid_ratio
 from exposight.observing import masks
 from exposight.observing.schema import Observation
@@ -40,6 +41,8 @@ def capture_contradictions(
     rows : sequence of Observation
         What was observed of them.
     """
+    computed = capture.emulated or capture.brightness_source == "merged"
+    yield from check_greys(capture.image, capture.full_scale, scaled=computed, what="the image")
     cloud = capture.require_cloud()
     if cloud.organised:
         yield _on_own_pixels(cloud.points, sensor)

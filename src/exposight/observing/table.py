@@ -391,7 +391,7 @@ def _read_frame(path: Path) -> pl.DataFrame:
 def _parse_csv(csv: bytes) -> pl.DataFrame:
     # Without the types a feature called 007 would become 7. Only columns that are there are named:
     # releases of polars give types of absent ones to others by position.
-    present = pl.read_csv(csv, n_rows=0).columns
+    present = pl.read_csv(csv, n_rows=0, infer_schema=False).columns
     text = {name: pl.String for name in present if schema.SCHEMA.get(name) == pl.String}
     return pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
 
