@@ -45,13 +45,17 @@ def capture_contradictions(
     yield from check_greys(capture.image, capture.full_scale, scaled=computed, what="the image")
     cloud = capture.require_cloud()
     if cloud.organised:
-        yield _on_own_pixels(cloud.points, sensor)
+        elsewhere = _on_own_pixels(cloud.points, sensor)
+        yield elsewhere
+        if elsewhere is not None and elsewhere.is_error:
+            return  # whatever else is wrong follows from it
         yield _where_features_are(cloud.points, sensor, views, rows)
     else:
         behind = clouds.behind_camera(cloud.points[:: max(1, len(cloud.points) // _SAMPLE)])
         yield behind
-        if behind is None:
-            yield clouds.thinner_than_image(_pixels_seen(cloud.valid_points, sensor))
+        if behind is not None:
+            return
+        yield clouds.thinner_than_image(_pixels_seen(cloud.valid_points, sensor))
     yield rings.too_many_points(
         np.array([np.nan if row.p_norm is None else row.p_norm for row in rows]),
         np.array([np.nan if row.n_pixels is None else row.n_pixels for row in rows]),
