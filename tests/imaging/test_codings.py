@@ -207,3 +207,25 @@ def test_code_thresholded_by_the_fringes_mean(axis):
     if axis == "the other axis":
         assert sequence.finest_frames == (0, 1, 2, 3)
         assert np.nanmax(np.abs(decoded.row - row)) < 1
+
+
+@pytest.mark.parametrize("steps", [3, 4])
+def test_a_projectors_gamma_is_corrected(steps):
+    fringes = tuple(
+        Fringe(periods=count, frames=tuple(range(steps * i, steps * (i + 1))))
+        for i, count in enumerate((1, 8))
+    )
+    sequence = sequence_of(AxisCoding(fringes=fringes), projector_gamma=2.2, bit_depth=16)
+    shown = np.array(
+        [
+            0.5 + 0.5 * np.cos(2 * np.pi * f.periods * ramp() / SIZE - np.radians(shift))
+            for f in fringes
+            for shift in f.shifts_deg
+        ]
+    )
+    stack = FrameStack(frames=np.rint(3000 + 50000 * shown**2.2).astype(np.uint16), bit_depth=16)
+    decoded = decode(stack, sequence)
+    assert np.abs(decoded.column - ramp()).max() < 0.01
+    if steps == 3:
+        bent = decode(stack, replace(sequence, projector_gamma=1.0), checked=False)
+        assert np.nanmax(np.abs(bent.column - ramp())) > 0.3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from exposight.errors import ImageError
-from exposight.imaging.response import light_of_levels
+from exposight.imaging.response import light_of_levels, phase_correction
 
 
 def test_grey_levels_are_light_by_default():
@@ -35,3 +35,25 @@ def test_pairs_are_joined_by_lines_and_continued():
 def test_curves_that_no_camera_has(settings, message):
     with pytest.raises(ImageError, match=message):
         light_of_levels(8, **settings)
+
+
+@pytest.mark.parametrize(
+    ("steps_deg", "gamma", "contrast"),
+    [((0, 120, 240), 2.2, 1.0), ((0, 90, 180, 270), 2.2, 0.9), ((120, 0, -120), 0.6, 0.7)],
+)
+def test_phases_of_a_gamma_are_taken_back(steps_deg, gamma, contrast):
+    phase = np.linspace(-0.5, 0.5, 1001)[:-1]
+    steps = np.radians(steps_deg)
+    light = (0.5 + 0.5 * contrast * np.cos(2 * np.pi * phase[:, None] - steps)) ** gamma
+    wave = light @ np.exp(1j * steps)  # equal steps
+    measured = np.angle(wave) / (2 * np.pi)
+    table = phase_correction(steps_deg, gamma, contrast)
+    corrected = measured + np.interp(measured, np.linspace(-0.5, 0.5, table.size), table)
+    error = (corrected - phase + 0.5) % 1.0 - 0.5
+    assert np.abs(error).max() < 1e-5
+    if len(steps_deg) == 3:
+        assert np.abs((measured - phase + 0.5) % 1.0 - 0.5).max() > 0.01
+
+
+def test_no_gamma_no_correction():
+    assert np.abs(phase_correction((0, 120, 240), 1.0)).max() < 1e-12

@@ -1,6 +1,10 @@
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.imaging import (
@@ -8,6 +12,7 @@ from exposight.imaging import (
     AxisCoding,
     Fringe,
     GrayCode,
+    PatternSequence,
     read_sequence,
     sequence_named_or_read,
     sequence_to_toml,
@@ -78,6 +83,66 @@ def test_what_is_written_is_read_again(tmp_path, preset):
     sequence = replace(SEQUENCE_PRESETS[preset], name='a "name" of its own', bit_depth=12)
     (tmp_path / "s.toml").write_text(sequence_to_toml(sequence), encoding="utf-8")
     assert read_sequence(tmp_path / "s.toml") == sequence
+
+
+@st.composite
+def sequences(draw):
+    """Sequences with all keys: frames are handed out as they are needed."""
+    frames = iter(range(1000))
+
+    def take(n):
+        return tuple(next(frames) for _ in range(n))
+
+    def coding(size):
+        n_bits = size.bit_length()
+        kind = draw(st.sampled_from(["gray", "binary"]))
+        width = draw(st.sampled_from([1, 2]))
+        gray = GrayCode(
+            frames=take(n_bits),
+            inverse_frames=take(n_bits) if draw(st.booleans()) else (),
+            code=kind,
+            code_width=width,
+            first_code=draw(st.integers(0, 3)),
+            complementary_frame=take(1)[0] if width == 2 and kind == "gray" else None,
+        )
+        fringes = []
+        for periods in draw(st.lists(st.floats(0.1, 7.9), max_size=3, unique=True)):
+            n = draw(st.integers(3, 6))
+            shifts = tuple(360.0 * k / n + draw(st.floats(-9, 9)) for k in range(n))
+            fringes.append(
+                Fringe(
+                    periods=periods, frames=take(n), shifts_deg=shifts,
+                    reversed=draw(st.booleans()),
+                )
+            )  # fmt: skip
+        return AxisCoding(gray_code=gray, fringes=tuple(fringes), mirrored=draw(st.booleans()))
+
+    lit = take(2)
+    both = draw(st.booleans())
+    depth = draw(st.integers(8, 16))
+    return PatternSequence(
+        name=draw(st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]))),
+        projector_width=60, projector_height=28,
+        columns=coding(64), rows=coding(32) if both else None,
+        white_frame=lit[0], black_frame=lit[1], unused_frames=take(draw(st.integers(0, 2))),
+        bit_depth=depth, alignment=draw(st.sampled_from(["low", "high"])),
+        channel=draw(st.sampled_from([None, "red", "green", "blue"])),
+        saturation_level=draw(st.sampled_from([None, 200, 2**depth - 1])),
+        camera_response=draw(st.sampled_from([(), ((0.0, 0.0), (99.0, 0.3), (255.0, 1.25))])),
+        projector_gamma=draw(st.floats(0.5, 3.0)),
+        pattern_contrast=draw(st.floats(0.1, 1.0)),
+        file_pattern="*.tif",
+        grey_noise=draw(st.sampled_from([None, 1.5])),
+    )  # fmt: skip
+
+
+@settings(deadline=None)
+@given(sequence=sequences())
+def test_any_sequence_is_read_as_it_was_written(sequence):
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "s.toml"
+        path.write_text(sequence_to_toml(sequence), encoding="utf-8")
+        assert read_sequence(path) == sequence
 
 
 def test_a_sequence_is_named_or_read(tmp_path):

@@ -43,6 +43,7 @@ def decode_command(
     sequence: Annotated[str | None, Parameter(alias="-s", metavar="NAME|FILE")] = None,
     guess: bool = False,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    map_file: Annotated[Path | None, Parameter("--map")] = None,
     preview: Path | None = None,
     depth_limits_mm: Annotated[
         tuple[float, float], Parameter("--depth-limits", metavar="NEAR FAR")
@@ -65,6 +66,8 @@ def decode_command(
 
         exposight decode scan1/ --guess --projector-size 1824 1140 -o sequence.toml
 
+        exposight decode scan1/ -s skull_2x3 --map map.npz
+
         exposight decode --stereo left.png right.png --sensor sensor.json -o cloud.ply
 
         exposight decode --stereo left/ right/ --sensor sensor.json -s board -o cloud.ply
@@ -84,6 +87,9 @@ def decode_command(
         calibration, decode by it.
     output
         Write the cloud to this file: .ply, .pcd, .xyz, .csv. With --guess, .toml: the sequence.
+    map_file
+        Write the decoded coordinates, modulation and flags to this file, .npz (docs/formats.md);
+        without a calibration, that is all.
     preview
         Write a PNG of the decoded coordinate and the modulation.
     depth_limits_mm
@@ -104,11 +110,18 @@ def decode_command(
     if preview is not None and preview.suffix.lower() != ".png":
         msg = f"--preview writes PNG; got the name {preview.name}"
         raise UsageError(msg)
+    if map_file is not None and map_file.suffix.lower() != ".npz":
+        msg = f"--map writes a NumPy archive, .npz; got the name {map_file.name}"
+        raise UsageError(msg)
     if options := pair.options():
-        if pair.stereo is None or {folder, projector_size, grey_noise} != {None} or guess:
+        if (
+            pair.stereo is None
+            or {*(folder, projector_size, grey_noise, map_file)} != {None}
+            or guess
+        ):
             msg = (
                 f"{', '.join(options)}: a stereo pair is given with --stereo LEFT RIGHT alone, "
-                "without a folder before it, --projector-size, --grey-noise and --guess"
+                "without a folder before it, --projector-size, --grey-noise, --map and --guess"
             )
             raise UsageError(msg)
         return decode_stereo(
@@ -126,16 +139,18 @@ def decode_command(
         proposed = guessed(folder, calibration, projector_size)
         if calibration is None or (output is not None and output.suffix.lower() == ".toml"):
             return guess_result(folder, proposed, output)
+    if calibration is None and map_file is not None and folder is not None and sequence is not None:
+        return _map_alone(folder, sequence, output, map_file, preview, despite, limits)
     if folder is None or calibration is None or (sequence is None) == (proposed is None):
         msg = (
-            "give a folder of frames with --calibration and --sequence (or --guess), or a stereo "
-            "pair with --stereo"
+            "give a folder of frames with --calibration and --sequence (or --guess), with --map "
+            "and --sequence, or a stereo pair with --stereo"
         )
         raise UsageError(msg)
     check_names(despite, FRAME_CHECKS)
     files = [
         Written.at(path, kind)
-        for path, kind in ((output, "cloud"), (preview, "preview"))
+        for path, kind in ((output, "cloud"), (map_file, "map"), (preview, "preview"))
         if path is not None
     ]
     patterns = (
@@ -147,6 +162,8 @@ def decode_command(
     decoded = imaging.decode(stack, patterns, limits, despite=despite)
     if preview is not None:
         _write_preview(preview, decoded)  # first: it helps to see why there are no points
+    if map_file is not None:
+        imaging.write_map(map_file, decoded)
     cloud = _triangulated(decoded, rig, depth_limits_mm)
     if not cloud.n_valid:
         raise CloudError(_why_empty(decoded, rig, depth_limits_mm, limits.min_modulation))
@@ -188,6 +205,49 @@ def decode_command(
             *filter(None, (of_noise,)),
             *(() if files else ("nothing was written: --output keeps the cloud",)),
         ),
+        files=tuple(files),
+    )
+
+
+def _map_alone(
+    folder: Path,
+    sequence: str,
+    output: Path | None,
+    map_file: Path,
+    preview: Path | None,
+    despite: tuple[str, ...],
+    limits: imaging.DecodingLimits,
+) -> Result:
+    """Decode to a map where there is no calibration."""
+    if output is not None:
+        msg = (
+            "--output needs --calibration: without camera and projector there are no points, only "
+            "the map"
+        )
+        raise UsageError(msg)
+    check_names(despite, FRAME_CHECKS)
+    patterns = imaging.sequence_named_or_read(sequence)
+    files = [Written.at(map_file, "map")]
+    stack = imaging.read_recording(folder, patterns)
+    decoded = imaging.decode(stack, patterns, limits, despite=despite)
+    if preview is not None:
+        files.append(Written.at(preview, "preview"))
+        _write_preview(preview, decoded)
+    counts = decoded.counts()
+    if not counts.decoded:
+        raise CloudError(_why_not_decoded(decoded, limits.min_modulation))
+    imaging.write_map(map_file, decoded)
+    rows, columns = stack.image_shape
+    return Result(
+        title=f"{folder}: {patterns.name}",
+        facts=(
+            fact("sequence", patterns.name, ""),
+            fact("frames", stack.n_frames),
+            fact("size_px", [columns, rows], f"{columns} × {rows}, {stack.bit_depth} bits"),
+            fact("decoded", counts.decoded, f"{count(counts.decoded)} pixels"),
+        ),
+        tables=(_pixel_table(counts),),
+        contradictions=decoded.contradictions,
         files=tuple(files),
     )
 
@@ -260,6 +320,11 @@ def _why_empty(
             f"no point: {count(counts.decoded)} pixels were decoded, but none of their rays meets "
             "the projector's light; check that the calibration is of this camera and projector"
         )
+    return _why_not_decoded(decoded, min_modulation)
+
+
+def _why_not_decoded(decoded: imaging.DecodedMap, min_modulation: float) -> str:
+    counts = decoded.counts()
     return (
         f"no point: none of {count(counts.pixels)} pixels was decoded; the patterns' amplitude "
         f"reaches {number(float(decoded.modulation.max()))} grey levels, --min-modulation asks for "

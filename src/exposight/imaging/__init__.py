@@ -5,6 +5,7 @@ from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits
 from exposight.imaging.decoding import decode, read_recording
 from exposight.imaging.frame_files import Alignment, Channel, read_frames
 from exposight.imaging.frames import FrameStack, re_expose
+from exposight.imaging.map_files import read_map, write_map
 from exposight.imaging.merging import MergeRecord, merge_captures, merge_record
 from exposight.imaging.noise import (
     GreyNoise,

@@ -20,6 +20,7 @@ from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.decoded import DecodingLimits
 from exposight.imaging.frames import FrameStack, Light
 from exposight.imaging.gray_code import decode_gray_code
+from exposight.imaging.response import phase_correction
 from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 FRAME_CHECKS = (
@@ -128,6 +129,11 @@ def _axis_contradictions(
         if sequence.projector_gamma == 1.0:  # else its harmonics are known
             yield from check_steps(steps)
         phase = _phase(lines, fringe)[0]
+        if sequence.projector_gamma != 1.0:
+            correction = phase_correction(
+                fringe.steps_deg, sequence.projector_gamma, sequence.pattern_contrast
+            )
+            phase += np.interp(phase, np.linspace(-0.5, 0.5, correction.size), correction)
         period_px = size / fringe.periods
         if coordinate is not None:
             where = steps.usable & np.isfinite(coordinate)

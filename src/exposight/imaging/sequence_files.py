@@ -167,6 +167,8 @@ def sequence_to_toml(sequence: PatternSequence) -> str:
     """
     lines = _toml_keys(sequence, without=("columns", "rows"))
     for axis, coding, _ in sequence.axes():
+        if coding.mirrored:
+            lines += ["", f"[{axis}]", "mirrored = true"]
         if coding.gray_code is not None:
             lines += ["", f"[{axis}.gray_code]", *_toml_keys(coding.gray_code)]
         for fringe in coding.fringes:
