@@ -23,13 +23,13 @@ from exposight.cell import Cloud
 from exposight.compiled import njit
 from exposight.contradictions import settle
 from exposight.errors import ImageError
+from exposight.imaging.disparity_fitting import DISPARITY_STEP, refined_disparity
 from exposight.imaging.rectification import ON_GRID_PX, RectifiedPair, averaged
 from exposight.imaging.stereo_match import MatchOutcome, StereoMatch, check_sizes
 from exposight.imaging.stereo_rows import check_rows
 
 _NO_PARTNER, _OUTSIDE = np.uint8(MatchOutcome.NO_PARTNER), np.uint8(MatchOutcome.OUTSIDE)
 
-_STEP = 16  # disparities come in 1/16 px, and their number must be a multiple of 16
 _LARGEST_DISPARITY_PX = 2000  # 1/16 px in 16 bits
 _BLOCK_PX = 5
 """Side of the squares that are compared: dots are about 3 px wide, edges must stay sharp."""
@@ -41,12 +41,6 @@ _ISLAND_PX = 100
 """Smaller islands of disparity are chance matches: OpenCV's usual 50 to 200."""
 _SAME_SURFACE_PX = 1.0
 """Neighbours whose disparities differ by less belong together."""
-_REFINED_REACH_PX = 3
-"""Disparities are fitted in a square of 7 × 7 px: two to three dots."""
-_REFINEMENTS = 2
-"""A third moves the points by less than a tenth of their noise."""
-_LARGEST_CORRECTION_PX = 0.75
-"""The matcher is right to half a pixel; a little more for its noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,12 +228,12 @@ def _match(
     first, second = pair.turn(*images)
     steps = _disparities(first, second, lowest, count)
     _reject(steps, *pair.turn(masks[0], masks[1]), lowest)
-    cv2.filterSpeckles(steps, (lowest - 1) * _STEP, _ISLAND_PX, _STEP)
+    cv2.filterSpeckles(steps, (lowest - 1) * DISPARITY_STEP, _ISLAND_PX, DISPARITY_STEP)
     points = np.empty((*images[0].shape, 3), dtype=np.float32)
     outcome = np.full(images[0].shape, MatchOutcome.MATCHED, dtype=np.uint8)
     _fill_points(
         pair.first.rays(),
-        _refined(first, second, steps, lowest),
+        refined_disparity(first, second, steps, lowest),
         pair.rectified_from_first,
         (pair.camera.fx, pair.camera.cx, pair.camera.cy, pair.baseline_mm),
         (float(depth_limits_mm[0]), float(depth_limits_mm[1])),
@@ -264,7 +258,7 @@ def _disparity_range(pair: RectifiedPair, depth_limits_mm: tuple[float, float]) 
             f"{_LARGEST_DISPARITY_PX}; raise the near limit to {math.ceil(nearest_mm)} mm or more"
         )
         raise ImageError(msg)
-    return lowest, -(-(highest - lowest + 1) // _STEP) * _STEP
+    return lowest, -(-(highest - lowest + 1) // DISPARITY_STEP) * DISPARITY_STEP
 
 
 def _disparities(
@@ -300,77 +294,10 @@ def _reject(
     columns = steps.shape[1]
     for r in numba.prange(steps.shape[0]):
         for c in range(columns):
-            partner = math.floor(c - steps[r, c] / _STEP + 0.5)
+            partner = math.floor(c - steps[r, c] / DISPARITY_STEP + 0.5)
             seen = 0 <= partner < columns
             if not (first_matchable[r, c] and seen and second_matchable[r, partner]):
-                steps[r, c] = (lowest - 1) * _STEP
-
-
-@njit(parallel=True, error_model="numpy")
-def _refined(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], steps: NDArray[np.int16], lowest: int
-) -> NDArray[np.float32]:
-    """Return disparities in px, fitted to the grey values round each pixel; NaN where none.
-
-    Least squares by Gauss-Newton, window against window, mean brightness removed. The matcher's own
-    1/16 px lean towards whole ones, by up to a quarter.
-    """
-    rows, columns = steps.shape
-    refined = np.empty((rows, columns), dtype=np.float32)
-    for r in numba.prange(rows):
-        for c in range(columns):
-            refined[r, c] = np.nan
-            if steps[r, c] < lowest * _STEP:
-                continue
-            start = steps[r, c] / _STEP
-            d = start
-            for _ in range(_REFINEMENTS):
-                d += _correction(first, second, r, c, d)
-            # Farther away it has left for another match.
-            refined[r, c] = d if abs(d - start) < _LARGEST_CORRECTION_PX else start
-    return refined
-
-
-@njit(inline="always", error_model="numpy")
-def _correction(
-    first: NDArray[np.uint8], second: NDArray[np.uint8], r: int, c: int, d: float
-) -> float:
-    """Return one Gauss-Newton step of the disparity in px; 0 at the border or without gradient."""
-    rows, columns = first.shape
-    left = math.floor(c - d)
-    reach = _REFINED_REACH_PX
-    if (
-        r < reach
-        or r >= rows - reach
-        or c < reach
-        or c >= columns - reach
-        or left < reach + 1
-        or left >= columns - reach - 2
-    ):
-        return 0.0
-    t = c - d - left
-    # Cubic convolution (Keys 1981) along the row, and its derivative.
-    w0, w1 = ((2.0 - t) * t - 1.0) * t / 2.0, ((3.0 * t - 5.0) * t * t + 2.0) / 2.0
-    w2, w3 = ((4.0 - 3.0 * t) * t + 1.0) * t / 2.0, (t - 1.0) * t * t / 2.0
-    g0, g1 = ((4.0 - 3.0 * t) * t - 1.0) / 2.0, (9.0 * t - 10.0) * t / 2.0
-    g2, g3 = ((8.0 - 9.0 * t) * t + 1.0) / 2.0, (3.0 * t - 2.0) * t / 2.0
-    n, sum_e, sum_g, sum_eg, sum_gg = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(-reach, reach + 1):
-        for j in range(-reach, reach + 1):
-            a, b = np.float64(second[r + i, left + j - 1]), np.float64(second[r + i, left + j])
-            p, q = np.float64(second[r + i, left + j + 1]), np.float64(second[r + i, left + j + 2])
-            e = np.float64(first[r + i, c + j]) - (w0 * a + w1 * b + w2 * p + w3 * q)
-            g = g0 * a + g1 * b + g2 * p + g3 * q
-            n += 1.0
-            sum_e += e
-            sum_g += g
-            sum_eg += e * g
-            sum_gg += g * g
-    square = sum_gg - sum_g * sum_g / n
-    if not square > n:  # a slope of 1 grey level a px
-        return 0.0
-    # A greater disparity takes the partner to the left, against the gradient.
-    return -(sum_eg - sum_e * sum_g / n) / square
+                steps[r, c] = (lowest - 1) * DISPARITY_STEP
 
 
 @njit(inline="always", error_model="numpy")
