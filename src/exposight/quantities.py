@@ -81,6 +81,7 @@ _grey = partial(
     error_unit="grey levels",
 )  # fmt: skip
 _length = partial(Quantity, unit="mm", digits=1, suffix="mm", error_unit="mm")
+_small = partial(Quantity, unit="mm", digits=3, low=0.0, suffix="mm", error_unit="mm")
 _angle = partial(Quantity, unit="°", digits=1, low=-180.0, high=180.0, suffix="°", error_unit="°")
 _count = partial(Quantity, unit="1", digits=0, low=0.0)
 
@@ -122,6 +123,14 @@ QUANTITIES = {
     },
     "stack_clipped_share": _share("s_full", "share of the ring's pixels that some frame clips"),
     "low_modulation_share": _share("s_low", "share of the ring's pixels of too low amplitude"),
+    "sigma_z_mm": _small("σ_z", "median standard deviation of the ring's points"),
+    "plane_std_mm": _small("s_plane", "standard deviation about the ring's plane"),
+    "form_error_mm": _small("F_95", "form error of the ring, middle 95 %"),
+    "largest_gap_deg": Quantity("γ_gap", "largest gap round the ring", unit="°", digits=1,
+                                low=0.0, high=360.0, suffix="°", error_unit="°"),
+    "diameter_mm": _small("d_f", "diameter of the hole's rim"),
+    "diameter_error_mm": _small("Δd_f", "diameter error of the hole's rim", low=None),
+    "centre_error_mm": _small("e_c", "distance of the rim's centre from its nominal place"),
     "part_w_deg": _angle("w_part", "rotation of the part about x"),
     "part_p_deg": _angle("p_part", "rotation of the part about y"),
     "part_r_deg": _angle("r_part", "rotation of the part about z"),

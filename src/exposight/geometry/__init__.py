@@ -14,6 +14,8 @@ from exposight.geometry.cylinders import (
     PixelBox,
     count_points_inside,
     outlines_in_camera,
+    packed_boxes,
+    packed_cylinders,
     pixel_boxes,
     ring_pixels,
 )

@@ -209,7 +209,7 @@ def ring_pixels(
     if not cylinders:
         return []
     boxes = pixel_boxes(outlines_in_camera(cylinders, poses), camera, _RING_MARGIN_PX)
-    rays, regions, edges = camera.rays(), _regions(cylinders, poses), _edges(boxes)
+    rays, regions, edges = camera.rays(), packed_cylinders(cylinders, poses), packed_boxes(boxes)
     ends = np.cumsum(_count_ring_pixels(rays, regions, edges))
     starts = np.concatenate([[0], ends[:-1]])
     rows = np.empty(int(ends[-1]), dtype=np.int64)
@@ -257,14 +257,28 @@ def count_points_inside(
     if boxes is None:
         whole = PixelBox(top=0, bottom=organised.shape[0], left=0, right=organised.shape[1])
         boxes = [whole] * len(cylinders)
-    counts = _count_points(organised, _regions(cylinders, poses), _edges(boxes))
+    counts = _count_points(organised, packed_cylinders(cylinders, poses), packed_boxes(boxes))
     return np.asarray(counts)
 
 
-def _regions(
+def packed_cylinders(
     cylinders: Sequence[HollowCylinder], poses: Sequence[RigidTransform]
 ) -> NDArray[np.float64]:
-    """Pack n cylinders and poses into (n, 18) numbers for the compiled loops."""
+    """Pack n cylinders and poses into (n, 18) numbers for compiled loops.
+
+    Parameters
+    ----------
+    cylinders : sequence of n HollowCylinder
+        In their features' frames.
+    poses : sequence of n RigidTransform
+        ``camera_from_feature`` of each.
+
+    Returns
+    -------
+    (n, 18) ndarray
+        The feature's x, y and z axes and its origin in the camera's frame, squares of inner and
+        outer radius, half sizes of the core, z of the ring's plane, half the height; mm.
+    """
     packed = np.empty((len(cylinders), 18))
     for row, cylinder, pose in zip(packed, cylinders, poses, strict=True):
         row[0:9] = pose.rotation.T.reshape(-1)  # x, y and z axis, one after the other
@@ -277,7 +291,8 @@ def _regions(
     return packed
 
 
-def _edges(boxes: Sequence[PixelBox]) -> NDArray[np.int64]:
+def packed_boxes(boxes: Sequence[PixelBox]) -> NDArray[np.int64]:
+    """Return (n, 4): top, bottom, left and right of each box, for compiled loops."""
     return np.array([(box.top, box.bottom, box.left, box.right) for box in boxes], dtype=np.int64)
 
 

@@ -25,6 +25,7 @@ from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
 from exposight.observing.capture_checks import capture_contradictions
 from exposight.observing.readings import reading_that_fits, why_not_visible
+from exposight.observing.ring_geometry import ring_geometry
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
 from exposight.workers import Progress, ignore_progress
@@ -59,9 +60,11 @@ def observe_capture(
         One for each feature, also for those that cannot be measured, in the order given.
     """
     measured = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
-    counted = zip(search.count(measured).tolist(), search.pixels(measured).tolist(), strict=True)
-    counts = dict(zip(map(id, measured), counted, strict=True))
-    return [_observe(capture, view, counts.get(id(view)), shared) for view in views]
+    counts = search.count(measured)
+    geometry = ring_geometry(measured, search, counts)
+    rings = zip(counts.tolist(), search.pixels(measured).tolist(), geometry, strict=True)
+    by_view = dict(zip(map(id, measured), rings, strict=True))
+    return [_observe(capture, view, by_view.get(id(view)), shared) for view in views]
 
 
 class Observer:
@@ -239,20 +242,22 @@ def _measured_somewhere(
 def _observe(
     capture: cell.Capture,
     view: masks.FeatureView,
-    counts: tuple[int, int] | None,
+    ring: tuple[int, int, Mapping[str, float | None]] | None,
     shared: Mapping[str, Any],
 ) -> Observation:
-    """Make a row; (points, pixels) are None where the feature cannot be measured."""
+    """Make a row of a ring's points, pixels and geometry; None where it cannot be measured."""
     columns: dict[str, Any] = {"p_norm": None, "i_avg": None}
     visibility = view.visibility
-    if counts is not None and counts[1] == 0:  # on a grid coarser than the image
+    if ring is not None and ring[1] == 0:  # on a grid coarser than the image
         visibility = masks.Visibility.BELOW_ONE_PIXEL
-    elif counts is not None:
+    elif ring is not None:
+        n_points, n_pixels, geometry = ring
         columns = {
-            "p_norm": counts[0] / counts[1],
-            "n_points": counts[0],
-            "n_pixels": counts[1],
+            "p_norm": n_points / n_pixels,
+            "n_points": n_points,
+            "n_pixels": n_pixels,
             **ring_brightness(capture, view.rows, view.columns),
+            **geometry,
         }
     return Observation(
         feature=view.feature.name,

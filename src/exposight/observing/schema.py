@@ -61,6 +61,15 @@ class Observation:
         Share of the ring's pixels that some frame clips, 0–1.
     low_modulation_share : float or None
         Share of the ring's pixels whose amplitude is below the decoder's limit, 0–1.
+    sigma_z_mm : float or None, mm
+        Median standard deviation of the ring's points, where the cloud tells it.
+    plane_std_mm, form_error_mm : float or None, mm
+        Standard deviation of the ring's points about their plane, and the range of the middle 95 %.
+    largest_gap_deg : float or None, degrees
+        Largest angle round the ring without a point.
+    diameter_mm, diameter_error_mm, centre_error_mm : float or None, mm
+        A hole's diameter, what it exceeds the nominal one by, and its centre's distance from the
+        nominal one in its plane, where the rim is seen (`exposight.observing.ring_geometry`).
     brightness_source : str or None
         What the capture's image is (`exposight.cell.BrightnessSource`).
     sensor, part, finish : str or None
@@ -115,6 +124,13 @@ class Observation:
     i_mod_p95: float | None = None
     stack_clipped_share: float | None = None
     low_modulation_share: float | None = None
+    sigma_z_mm: float | None = None
+    plane_std_mm: float | None = None
+    form_error_mm: float | None = None
+    largest_gap_deg: float | None = None
+    diameter_mm: float | None = None
+    diameter_error_mm: float | None = None
+    centre_error_mm: float | None = None
     brightness_source: str | None = None
     sensor: str | None = None
     part: str | None = None
