@@ -221,7 +221,7 @@ def _read_codes(
     flags: NDArray[np.uint8],
 ) -> None:
     """Fill code (−1 where there is none), modulation and flags of every pixel."""
-    n_bits = bits.size
+    n_bits, n_inverses = bits.size, inverses.size
     for r in numba.prange(code.shape[0]):
         signals = np.empty(n_bits)
         for c in range(code.shape[1]):
@@ -231,14 +231,24 @@ def _read_codes(
                 contrast = float(frames[white, r, c]) - float(frames[black, r, c])
                 if frames[white, r, c] >= clips_at:
                     flag |= CLIPPED
+            twice = 0.0
+            if twice_threshold.size:
+                twice = float(twice_threshold[r, c])
+            elif white >= 0:
+                twice = float(frames[white, r, c]) + float(frames[black, r, c])
             for b in range(n_bits):
-                signals[b] = _signal(frames, bits, inverses, white, black, twice_threshold, b, r, c)
+                lit = frames[bits[b], r, c]
+                if lit >= clips_at:
+                    flag |= CLIPPED
+                if b < n_inverses:
+                    unlit = frames[inverses[b], r, c]
+                    signals[b] = float(lit) - float(unlit)
+                    if unlit >= clips_at:
+                        flag |= CLIPPED
+                else:
+                    signals[b] = 2.0 * lit - twice
                 if white < 0:
                     contrast = max(contrast, abs(signals[b]))
-                if frames[bits[b], r, c] >= clips_at or (
-                    b < inverses.size and frames[inverses[b], r, c] >= clips_at
-                ):
-                    flag |= CLIPPED
             modulation[r, c] = max(0.0, 0.5 * contrast * scale)
             value, bit, undecided = 0, 0, 0
             for b in range(n_bits):

@@ -124,7 +124,8 @@ def _unwrap_pixel(
     for i in range(periods_px.size):
         part = 0.0
         for j in range(phase.size):
-            part += numbers[i, j] * phase[j]
+            if numbers[i, j] != 0.0:
+                part += numbers[i, j] * phase[j]
         if i == 0 and not is_known:
             # Of the values a period apart, the one nearest to the projector's middle.
             middle = 0.5 * (size - 1) / periods_px[0]
