@@ -28,7 +28,13 @@ from exposight.planning.beliefs import Belief, belief_of
 from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.exposure_plan import Goal
-from exposight.planning.lookahead import DRAWS, after_misses, best_place, served_in_draws
+from exposight.planning.lookahead import (
+    DRAWS,
+    after_misses,
+    best_place,
+    served_between,
+    served_in_draws,
+)
 from exposight.planning.loop_report import (
     LoopReport,
     Outcome,
@@ -246,6 +252,11 @@ class ClosedLoop:
             chance = after_misses(chances.chance, chances.settings_ms, missed)
         else:
             served = served_in_draws(windows, chances.settings_ms, missed, rng)
+            for i in np.flatnonzero(served.mean(axis=0).max(axis=1) < WORTH_A_CAPTURE):
+                tries = self._lit.get((chances.features[i], view), [])
+                between = served_between(windows[:, i], chances.settings_ms, tries, rng)
+                if between is not None:
+                    served[:, i] = between
             chance = served.mean(axis=0)
         n = len(wanted)
         worth = chance[:n, fresh].max(axis=1, initial=0.0) >= WORTH_A_CAPTURE

@@ -79,6 +79,43 @@ def served_in_draws(
     return served
 
 
+def served_between(
+    windows_ms: FloatArray,
+    settings_ms: FloatArray,
+    tries: Sequence[tuple[float, str]],
+    rng: np.random.Generator,
+) -> BoolArray | None:
+    """Return in which draws each setting serves a feature that was once dark and once clipped.
+
+    Whatever is believed of it, its window lies between the two, if it has one.
+
+    Parameters
+    ----------
+    windows_ms : (d, 2) ndarray, ms
+        Its windows, drawn d times; how wide they are is kept.
+    settings_ms : (m,) ndarray, ms
+        Exposure times.
+    tries : sequence of (float, str)
+        Exposure times in ms by which it was missed, each "dark", "clips" or neither.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    (d, m) ndarray of bool or None
+        None where it was not both, or dark at the longer time.
+    """
+    dark = max((ms for ms, lit in tries if lit == "dark"), default=0.0)
+    clips = min((ms for ms, lit in tries if lit == "clips"), default=np.inf)
+    if not 0.0 < dark < clips < np.inf:
+        return None
+    span = np.log(clips / dark)
+    width = np.minimum(np.log(windows_ms[:, 1] / windows_ms[:, 0]), span)
+    start = np.log(dark) + rng.random(len(windows_ms)) * (span - width)
+    between = np.exp(np.stack([start, start + width], axis=1))
+    had = rng.random(len(windows_ms)) < 0.5 ** (len(tries) - 1)  # that it can be had at all
+    return np.asarray(_within(between[:, None], settings_ms)[:, 0] & had[:, None])
+
+
 def after_misses(
     chance: FloatArray, settings_ms: FloatArray, missed_ms: Sequence[Sequence[float]]
 ) -> FloatArray:
