@@ -7,6 +7,7 @@ here; nothing else lists them.
 import html
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class Quantity:
         Unit in which errors are given.
     error_factor : float
         From the quantity's unit to that of its errors: errors of p_norm are percent of full scale.
+    better : {'higher', 'lower'} or None
+        Which is better, where that can be said; an error with a sign is better the smaller its
+        size.
+    signed : bool
+        True of an error that has a sign.
     """
 
     symbol: str
@@ -43,6 +49,8 @@ class Quantity:
     suffix: str = ""
     error_unit: str = ""
     error_factor: float = 1.0
+    better: Literal["higher", "lower"] | None = None
+    signed: bool = False
 
     @property
     def html(self) -> str:
@@ -81,7 +89,9 @@ _grey = partial(
     error_unit="grey levels",
 )  # fmt: skip
 _length = partial(Quantity, unit="mm", digits=1, suffix="mm", error_unit="mm")
-_small = partial(Quantity, unit="mm", digits=3, low=0.0, suffix="mm", error_unit="mm")
+_small = partial(
+    Quantity, unit="mm", digits=3, low=0.0, suffix="mm", error_unit="mm", better="lower"
+)
 _angle = partial(Quantity, unit="°", digits=1, low=-180.0, high=180.0, suffix="°", error_unit="°")
 _count = partial(Quantity, unit="1", digits=0, low=0.0)
 
@@ -89,7 +99,7 @@ STACK_PERCENTS = (5, 25, 50, 75, 95)
 """Percentiles that are kept of what a frame stack tells of a ring's pixels."""
 
 QUANTITIES = {
-    "p_norm": _share("p_norm", "point-cloud quality"),
+    "p_norm": _share("p_norm", "point-cloud quality", better="higher"),
     "exposure_ms": Quantity(
         "t_exp", "exposure time", unit="ms", digits=2, low=0.0, suffix="ms", error_unit="ms"
     ),
@@ -127,9 +137,10 @@ QUANTITIES = {
     "plane_std_mm": _small("s_plane", "standard deviation about the ring's plane"),
     "form_error_mm": _small("F_95", "form error of the ring, middle 95 %"),
     "largest_gap_deg": Quantity("γ_gap", "largest gap round the ring", unit="°", digits=1,
-                                low=0.0, high=360.0, suffix="°", error_unit="°"),
-    "diameter_mm": _small("d_f", "diameter of the hole's rim"),
-    "diameter_error_mm": _small("Δd_f", "diameter error of the hole's rim", low=None),
+                                low=0.0, high=360.0, suffix="°", better="lower",
+        error_unit="°"),
+    "diameter_mm": _small("d_f", "diameter of the hole's rim", better=None),
+    "diameter_error_mm": _small("Δd_f", "diameter error of the hole's rim", low=None, signed=True),
     "centre_error_mm": _small("e_c", "distance of the rim's centre from its nominal place"),
     "part_w_deg": _angle("w_part", "rotation of the part about x"),
     "part_p_deg": _angle("p_part", "rotation of the part about y"),

@@ -7,12 +7,13 @@ import polars as pl
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from exposight.cli.app import UsageError
 from exposight.cli.exposure_options import ExposureOptions
 from exposight.cli.forecast import ViewOptions, read_trial
 from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.files import write_durably
-from exposight.models import P_NORM_MIN
+from exposight.models import WindowModel
 from exposight.planning import CONFIDENCE, Prefer, Recommendation, SensorModels, check_confidence
 from exposight.planning.outlook_table import who_fails
 from exposight.tables import Column, Table, counted, number
@@ -30,7 +31,10 @@ _EXPOSURE_COLUMNS = (
 
 def recommend_command(
     *models: Path,
-    need: Annotated[float, Parameter(validator=Number(gt=0, lte=1))] = P_NORM_MIN,
+    need: Annotated[float | None, Parameter(validator=Number(gt=0, lte=1))] = None,
+    target: Annotated[str, Parameter(metavar="COLUMN")] = "p_norm",
+    at_most: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
+    at_least: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     confidence: float = CONFIDENCE,
     prefer: Prefer = "margin",
     trial: Annotated[Path | None, Parameter(metavar="TABLE|CAMPAIGN")] = None,
@@ -52,6 +56,9 @@ def recommend_command(
         exposight recommend models/ --campaign door --view middle-x1-y1 --flicker 50 \
           --picture exposures.png
 
+        exposight recommend models/ --campaign door --view middle-x1-y1 \
+          --target diameter_error_mm --at-most 0.05
+
         exposight recommend models/ --sensor sensor.json --features features.csv \
           --robot-pose fanuc 12.5,-3,600,0,0,90 --limits zivid-2 --most 3
 
@@ -61,7 +68,15 @@ def recommend_command(
         quality.exposight-model, two model files, one for quality and one for exposure time, or the
         folder that holds them.
     need
-        Quality that is asked for, p_norm.
+        Quality that is asked for, p_norm; 0.75 by default.
+    target
+        Another quality, for which exposight train --target has trained a model, such as
+        diameter_error_mm.
+    at_most
+        Limit of that quality where lower is better, in its unit; by default the strictest that is
+        attained as surely as any.
+    at_least
+        The same where higher is better.
     confidence
         Chance with which each feature shall have it, between 0 and 1.
     prefer
@@ -76,7 +91,8 @@ def recommend_command(
     check_confidence(confidence)
     if picture is not None:
         check_picture(picture)
-    sensor_models = SensorModels.load(*models)
+    sensor_models = SensorModels.load(*models, target=target)
+    need = _need(sensor_models, need, at_most, at_least)
     files = tuple(
         Written.at(path, kind, inputs=(*models, trial))
         for path, kind in ((csv, "recommendation"), (picture, "picture"))
@@ -108,6 +124,21 @@ def recommend_command(
     )
 
 
+def _need(
+    models: SensorModels, need: float | None, at_most: float | None, at_least: float | None
+) -> float | None:
+    """Return the quality that is asked for; refuse a limit of the wrong side."""
+    given = {"--need": need, "--at-most": at_most, "--at-least": at_least}
+    said = [option for option, value in given.items() if value is not None]
+    allowed = "--need"
+    if models.target != "p_norm" and isinstance(models.quality, WindowModel):
+        allowed = "--at-most" if models.quality.window.sign < 0.0 else "--at-least"
+    if said and said != [allowed]:
+        msg = f"{models.target} is asked for by {allowed}, got {' and '.join(said)}"
+        raise UsageError(msg)
+    return given[allowed]
+
+
 def _answer(recommendation: Recommendation) -> str:
     """Return what to take and who fails, in a line."""
     return "; ".join(filter(None, (recommendation.verdict, who_fails(recommendation.features))))
@@ -120,6 +151,7 @@ def _facts(recommendation: Recommendation) -> tuple[Fact, ...]:
     return (
         fact("view", chosen.view, chosen.view),
         fact("exposures_ms", chosen.exposures_ms, ""),
+        fact("target", chosen.target, ""),
         fact("need", chosen.need, ""),
         fact("confidence", chosen.confidence, ""),
         fact("prefer", chosen.prefer, ""),

@@ -19,6 +19,7 @@ from exposight.files import make_folder
 from exposight.models import (
     MODEL_SUFFIX,
     MODELS,
+    Better,
     GaussianProcessModel,
     MeanKind,
     ModelSpecification,
@@ -30,6 +31,7 @@ from exposight.models import (
     model_named,
     save_model,
     train_all,
+    train_response,
     train_window,
 )
 from exposight.observing import ObservationTable, read_observations
@@ -53,6 +55,8 @@ def train_command(
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
     start_from: Annotated[Path | None, Parameter("--from", metavar="MODEL")] = None,
     mean: MeanKind | None = None,
+    target: Annotated[tuple[str, ...], Parameter(metavar="COLUMN")] = (),
+    better: Better | None = None,
     seed: NonNegativeInt = 1,
     restarts: PositiveInt = 3,
     workers: PositiveInt | None = None,
@@ -75,6 +79,8 @@ def train_command(
 
         exposight train painted.csv --from models/quality.exposight-model -o painted/
 
+        exposight train observations.csv --target diameter_error_mm -o models/
+
         exposight train observations.csv -m q_k4 -m e_k6 -o models/
 
     Parameters
@@ -94,6 +100,11 @@ def train_command(
     mean
         What the default models know of the light: where the projector and the camera stand, only
         the camera, or none; as much as the sensor's document allows by default.
+    target
+        Also learn how this column depends on brightness, such as diameter_error_mm (its size) or
+        form_error_mm, as quality_COLUMN; repeat for more.
+    better
+        Which value of a target is better; known of the columns that exposight observe writes.
     seed
         Random seed, of the paper's models.
     restarts
@@ -108,8 +119,10 @@ def train_command(
     specifications = [
         _specification(name) for name in dict.fromkeys(chosen) if name not in DEFAULT_MODELS
     ]
-    if not default and (start_from is not None or mean is not None):
-        msg = f"--from and --mean are of the default models, {' and '.join(DEFAULT_MODELS)}"
+    if not default and (start_from is not None or mean is not None or target):
+        msg = (
+            f"--from, --mean and --target are of the default models, {' and '.join(DEFAULT_MODELS)}"
+        )
         raise UsageError(msg)
     table = read_observations(observations)
     known = None if start_from is None else _window_model(start_from)
@@ -128,6 +141,10 @@ def train_command(
             quality = train_window(table, mean=mean, start_from=known, **of_table)
             progress("training the default models", 1, 1)
             models += [each for each in (quality, quality.radiance) if each.name in default]
+            models += [
+                train_response(table, each, model=quality, better=better)
+                for each in dict.fromkeys(target)
+            ]
         if specifications:
             models += train_all(
                 specifications,

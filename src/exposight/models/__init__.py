@@ -20,6 +20,7 @@ from exposight.models.predictor import (
 from exposight.models.proposals import CaptureProposer, propose_captures
 from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
+from exposight.models.response_curve import Better
 from exposight.models.ring_data import black_level_of
 from exposight.models.ring_forecast import RingForecast, best_exposure
 from exposight.models.ring_training import keeps_limits, train_response, train_window

@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from exposight.compiled import njit
 from exposight.errors import InputError
-from exposight.models.window import Points, Response, Tables, normal_between
+from exposight.models.window import Points, Response, Tables, Window, normal_between
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -198,6 +198,13 @@ class RingForecast:
         peak = self.window.sign * self._tables.sharp.max(axis=1)
         at_ms = np.exp(self._tables.grid[self._top] - self.mean)
         lit, best = self.points.weight.sum(axis=1), self.points.best
+        if self.window.sign < 0.0 or not isinstance(self.window, Window):  # a curve, no limits
+            return tuple(
+                ""
+                if np.isfinite(low[i])
+                else f"reaches {peak[i]:.3g} at best, at {at_ms[i]:.3g} ms"
+                for i in range(len(self.mean))
+            )
         return tuple(
             ""
             if np.isfinite(low[i])

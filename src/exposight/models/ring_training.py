@@ -22,6 +22,7 @@ from exposight.models.ring_light import POSE_COLUMNS, check_places
 from exposight.models.window_fit import fit_window
 from exposight.models.window_model import WindowModel
 from exposight.observing import ObservationTable, tcp_text
+from exposight.quantities import quantity
 from exposight.tables import counted
 
 
@@ -161,7 +162,7 @@ def train_window(
 
 
 def train_response(
-    table: ObservationTable, target: str, *, model: WindowModel, better: Better
+    table: ObservationTable, target: str, *, model: WindowModel, better: Better | None = None
 ) -> WindowModel:
     """Learn how another quality of rings depends on their brightness.
 
@@ -170,11 +171,12 @@ def train_response(
     table : ObservationTable
         Rows that have a value in column `target`; those that clip or stay dark included.
     target : str
-        A numeric column: noise, form or diameter error, or anything else.
+        A numeric column: noise, form or diameter error, or anything else. Of an error that has a
+        sign the size is learnt.
     model : WindowModel
         Of the same sensor and finish; its radiance model says how bright rings are.
-    better : {'higher', 'lower'}
-        Which quality is better.
+    better : {'higher', 'lower'}, optional
+        Which quality is better; known of the columns that are measured here.
 
     Returns
     -------
@@ -185,15 +187,25 @@ def train_response(
     ------
     ObservationError
         If there is no such column, or it has too few values.
+    InputError
+        If it is p_norm, which `train_window` learns, or it is not known which is better.
     """
+    better = better or quantity(target).better
+    if better is None or target == "p_norm":
+        msg = (
+            "p_norm is what the quality model itself predicts"
+            if target == "p_norm"
+            else f"say whether higher or lower {target} is better"
+        )
+        raise InputError(msg)
     radiance = model.radiance
     frame = rows_of_quality(table.measured().frame, target)
     rings, ring = radiance.rings(frame)
     log_radiance, _, _ = radiance.radiance(rings)
-    exposure_ms = frame["exposure_ms"].to_numpy()
+    exposure_ms, values = frame["exposure_ms"].to_numpy(), frame[target].cast(pl.Float64)
     curve = ResponseCurve.fit(
         log_radiance[ring] + np.log(exposure_ms),
-        frame[target].cast(pl.Float64).to_numpy(),
+        values.abs().to_numpy() if quantity(target).signed else values.to_numpy(),
         better,
     )
     return replace(

@@ -84,6 +84,8 @@ class Forecast:
         The default models' forecast, which knows windows of exposure times and draws them jointly.
     limits : ExposureLimits or None
         What the sensor can be set to, where the models know it.
+    target : str
+        Column of the quality; `p_norm` and its band hold it, whatever it is.
     """
 
     features: tuple[str, ...]
@@ -100,10 +102,15 @@ class Forecast:
     remarks: tuple[str, ...] = ()
     rings: RingForecast | None = None
     limits: ExposureLimits | None = None
+    target: str = "p_norm"
 
     @classmethod
     def of(
-        cls, rings: RingForecast, features: Sequence[str], limits: ExposureLimits | None = None
+        cls,
+        rings: RingForecast,
+        features: Sequence[str],
+        limits: ExposureLimits | None = None,
+        target: str = "p_norm",
     ) -> Forecast:
         """Return the forecast of one view's rings, with the names of their features."""
         return cls(
@@ -121,6 +128,7 @@ class Forecast:
             remarks=rings.remarks,
             rings=rings,
             limits=limits,
+            target=target,
         )
 
     @property
@@ -246,7 +254,10 @@ class Forecast:
                 msg = f"this forecast is for {self.need:g}; make another one with need={at_least:g}"
                 raise InputError(msg)
             asked = Forecast.of(
-                self.rings.at(self.exposures_ms, at_least), self.features, self.limits
+                self.rings.at(self.exposures_ms, at_least),
+                self.features,
+                self.limits,
+                self.target,
             )
         times = self.exposures_ms
         return recommend(
@@ -264,7 +275,38 @@ class Forecast:
             prefer=prefer,
             hidden=hidden,
             remarks=asked.remarks,
+            target=self.target,
+            at_most=self.rings is not None and self.rings.window.sign < 0.0,
         )
+
+    def attainable(self, confidence: float = CONFIDENCE) -> float:
+        """Return the strictest need that one exposure gives as many features as any need.
+
+        Features that are not known do not count, unless none is. To a hundredth of the range of
+        what is expected.
+
+        Parameters
+        ----------
+        confidence : float
+            Chance that each of these features shall have.
+
+        Raises
+        ------
+        InputError
+            If the models know no windows.
+        """
+        if self.rings is None:
+            msg = "only the default models' forecasts can be asked what is attainable"
+            raise InputError(msg)
+        known = self.knows if self.knows.any() else np.ones(len(self.features), dtype=np.bool_)
+        expected = self.rings.window.sign * self.rings.quality[known]
+        needs = np.linspace(expected.min() - 4.0 * self.rings.window.scatter, expected.max(), 101)
+        needs *= self.rings.window.sign  # from lax to strict
+        had = [
+            int((self.rings.chance_of(float(need))[known] >= confidence).sum(axis=0).max())
+            for need in needs
+        ]
+        return float(needs[np.flatnonzero(np.array(had) == max(had))[-1]])
 
     def write(self, path: str | Path) -> None:
         """Write `frame` as a CSV file, durably."""

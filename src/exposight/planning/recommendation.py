@@ -29,6 +29,7 @@ from exposight.planning.outlook import (
 )
 from exposight.planning.outlook_table import failures, outlook_frame, outlook_table
 from exposight.planning.path_search import Path, Prefer, fewest_captures, most_served
+from exposight.quantities import quantity
 from exposight.tables import Table, counted, number
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -68,6 +69,10 @@ class Recommendation:
         What is odd about all of it.
     chances : CaptureChances
         What it was chosen by.
+    target : str
+        Column of the quality that is asked for.
+    at_most : bool
+        Whether lower is better, so that `need` is a limit.
     """
 
     view: str
@@ -82,6 +87,8 @@ class Recommendation:
     hidden: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     chances: CaptureChances = field(repr=False)
+    target: str = "p_norm"
+    at_most: bool = False
 
     @property
     def exposures_ms(self) -> tuple[float, ...]:
@@ -120,11 +127,20 @@ class Recommendation:
         if not self.exposures:
             return f"take none: no exposure time serves any of {counted(n, 'feature')}"
         times = ", ".join(number(each) for each in self.exposures_ms)
-        share = f"{len(self.planned)} of {counted(n, 'feature')} will reach {self.need:g}"
+        share = f"{len(self.planned)} of {counted(n, 'feature')} will {self._wish}"
         return (
             f"take {counted(len(self.exposures), 'exposure')}, {times} ms: {share} with a chance "
             f"of {100 * self.confidence:g} % or more"
         )
+
+    @property
+    def _wish(self) -> str:
+        if self.target == "p_norm":
+            return f"reach {self.need:g}"
+        wanted = quantity(self.target)
+        value = f"{number(self.need, 3)} {wanted.suffix}".strip()
+        bound = "at most" if self.at_most else "at least"
+        return f"have {self.target} of {bound} {value}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -171,6 +187,8 @@ def recommend(
     prefer: Prefer = "margin",
     hidden: Mapping[str, str] | None = None,
     remarks: Sequence[str] = (),
+    target: str = "p_norm",
+    at_most: bool = False,
 ) -> Recommendation:
     """Recommend the exposures of one view.
 
@@ -190,6 +208,10 @@ def recommend(
         Features that the view does not see, and why.
     remarks : sequence of str
         Of the forecast.
+    target : str
+        Column of the quality.
+    at_most : bool
+        Whether lower is better.
 
     Raises
     ------
@@ -217,6 +239,8 @@ def recommend(
         proven=path.proven,
         remarks=tuple(remarks),
         chances=chances,
+        target=target,
+        at_most=at_most,
     )
 
 

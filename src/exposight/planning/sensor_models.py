@@ -55,10 +55,12 @@ class SensorModels:
     Parameters
     ----------
     quality : Predictor
-        Predicts p_norm.
+        Predicts `target`.
     exposure : Predictor, optional
         Predicts the exposure time in ms that yields a wanted brightness; a `WindowModel` brings
         its own.
+    target : str
+        What the quality model predicts: p_norm, or a column that `train_response` has learnt.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class SensorModels:
 
     quality: Predictor
     exposure: Predictor = None  # type: ignore[assignment]  # `__post_init__` replaces it
+    target: str = "p_norm"
 
     def __post_init__(self) -> None:
         if isinstance(self.quality, WindowModel):
@@ -81,7 +84,7 @@ class SensorModels:
                 )
                 raise InputError(msg)
             object.__setattr__(self, "exposure", radiance)
-        for model, target in ((self.quality, "p_norm"), (self.exposure, "exposure_ms")):
+        for model, target in ((self.quality, self.target), (self.exposure, "exposure_ms")):
             if model is None or model.target != target:
                 got = "none" if model is None else f"{model.name} ({model.target})"
                 msg = f"expected a model that predicts {target}, got {got}"
@@ -163,7 +166,7 @@ class SensorModels:
             rings = self.quality.forecast(poses, times_ms, trial=trial, need=need, correct=correct)
             if exposures_ms is None:
                 rings = rings.at(self._times_of(rings))
-            return Forecast.of(rings, poses["feature"].to_list(), self.limits)
+            return Forecast.of(rings, poses["feature"].to_list(), self.limits, self.target)
         if trial is not None:
             msg = (
                 f"{self.quality.name} and {self.exposure.name} cannot learn from a trial capture; "
@@ -191,7 +194,7 @@ class SensorModels:
         limits: ExposureLimits | str | None = None,
         costs: CaptureCosts | None = None,
         *,
-        need: float = P_NORM_MIN,
+        need: float | None = None,
         confidence: float = CONFIDENCE,
         prefer: Prefer = "margin",
         trial: ObservationTable | None = None,
@@ -200,8 +203,12 @@ class SensorModels:
 
         Parameters
         ----------
-        view, trial, need
+        view, trial
             As for `forecast`.
+        need : float, optional
+            Quality that is asked for: at least, or at most where lower is better. By default
+            `P_NORM_MIN`, and of other targets the strictest that is attained as surely as any
+            (`Forecast.attainable`).
         limits : ExposureLimits or str, optional
             What the sensor can be set to, or a profile's name; as the models know it by default.
         costs, confidence, prefer
@@ -214,6 +221,10 @@ class SensorModels:
         """
         limits = limits_from(limits) or self.limits
         check_confidence(confidence)
+        if need is None and self.target == "p_norm":
+            need = P_NORM_MIN
+        elif need is None:
+            need = self.forecast(view, trial=trial, need=0.0, correct=True).attainable(confidence)
         times: Sequence[float] | None = None
         if limits is not None and not isinstance(self.quality, WindowModel):
             usual = self._usual_exposures_ms()
@@ -271,7 +282,7 @@ class SensorModels:
         """
         quality = self.quality.with_observations(table)
         if isinstance(quality, WindowModel):
-            return SensorModels(quality=quality)
+            return SensorModels(quality=quality, target=self.target)
         return SensorModels(quality=quality, exposure=self.exposure.with_observations(table))
 
     def save(self, folder: str | Path) -> tuple[Path, Path]:
@@ -291,10 +302,17 @@ class SensorModels:
         return quality, exposure
 
     @classmethod
-    def load(cls, *paths: str | Path) -> SensorModels:
+    def load(cls, *paths: str | Path, target: str = "p_norm") -> SensorModels:
         """Read two model files, that of a window model alone, or the folder that holds them.
 
-        In a folder the default quality model goes before others.
+        In a folder the default quality model of the target goes before others.
+
+        Parameters
+        ----------
+        *paths : str or Path
+            Files or folders.
+        target : str
+            What the quality model shall predict.
 
         Raises
         ------
@@ -305,12 +323,13 @@ class SensorModels:
         """
         files: list[Path] = []
         for path in map(Path, paths):
-            default = path / f"{QUALITY}{MODEL_SUFFIX}"
+            name = QUALITY if target == "p_norm" else f"{QUALITY}_{target}"
+            default = path / f"{name}{MODEL_SUFFIX}"
             of_folder = [default] if default.is_file() else sorted(path.glob(f"*{MODEL_SUFFIX}"))
             files += of_folder if path.is_dir() else [path]
         models = [load_model(file) for file in files]
         if len(models) == 1 and isinstance(models[0], WindowModel):
-            return cls(quality=models[0])
+            return cls(quality=models[0], target=target)
         quality, exposure = one_of_each(models)
         return cls(quality=quality, exposure=exposure)
 
