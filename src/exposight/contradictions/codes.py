@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from exposight.contradictions.contradiction import Contradiction
 
 # Fewer pairs than this tell nothing for certain; more add time only.
-_LEAST_PAIRS, _MOST_PAIRS = 300, 20_000
+_LEAST_PAIRS, _MOST_PAIRS = 300, 8_000
 
 # By how much the mean log₂ of the jumps must shrink for another reading to be the right one; or, as
 # little as _LESS where neighbours are several codes apart, if also so many more of the jumps stay

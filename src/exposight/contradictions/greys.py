@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from exposight.contradictions.contradiction import Contradiction
 
-# Of 4 megapixels every 32nd pair of rows is read: some 130 000 pixels of a frame, a millisecond.
-_SAMPLED_PIXELS = 131_072
+# Of an image some 130 000 pixels are read, of a stack this many samples: a few milliseconds.
+_SAMPLED_PIXELS, _SAMPLES = 131_072, 786_432
 
 # A pile of clipped samples against the levels below it. The largest such ratio on the recordings
 # and simulated captures, at a level that less than 5 % of the pile's samples exceed, is 3.
@@ -72,9 +72,10 @@ def check_greys(
 
 def _row_pairs(stack: NDArray[Any]) -> NDArray[Any]:
     """Return (n, 2·pairs, columns): pairs of adjacent rows, the first of each even."""
-    _, rows, columns = stack.shape
+    n, rows, columns = stack.shape
     pairs = max(1, rows // 2)
-    step = max(1, math.ceil(pairs * 2 * columns / _SAMPLED_PIXELS))
+    most = min(_SAMPLED_PIXELS, max(_SAMPLES // n, 16_384))
+    step = max(1, math.ceil(pairs * 2 * columns / most))
     first = 2 * (np.arange(step // 2, pairs, step) if pairs > step // 2 else np.zeros(1, int))
     chosen = np.stack([first, np.minimum(first + 1, rows - 1)], axis=1).ravel()
     return np.asarray(stack[:, chosen])

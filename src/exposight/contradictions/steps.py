@@ -21,7 +21,7 @@ from exposight.contradictions.contradiction import Contradiction
 _Array = NDArray[np.float64]
 
 # Fewer pixels tell nothing for certain; more than this many add time and no certainty.
-_LEAST_PIXELS, _MOST_PIXELS = 1_000, 20_000
+_LEAST_PIXELS, _MOST_PIXELS = 1_000, 8_000
 
 
 class Steps(NamedTuple):
@@ -74,13 +74,15 @@ def _fit(samples: _Array, shifts_deg: Sequence[float]) -> _Fit:
     )
 
 
-def check_steps(steps: Steps) -> Iterator[Contradiction]:
+def check_steps(steps: Steps, gamma: float = 1.0) -> Iterator[Contradiction]:
     """Hold the steps of a fringe against the sinusoid that they sample.
 
     Parameters
     ----------
     steps : Steps
         Samples of one fringe.
+    gamma : float
+        Of the projector, as far as the sequence says and decoding takes it into account.
 
     Yields
     ------
@@ -93,12 +95,12 @@ def check_steps(steps: Steps) -> Iterator[Contradiction]:
         return
     where = where[:: math.ceil(where.size / _MOST_PIXELS)]
     samples = steps.samples.reshape(len(steps.samples), -1)[:, where]
-    found = _three(samples, steps) if len(samples) == 3 else _more(samples, steps)
+    found = _three(samples, steps, gamma) if len(samples) == 3 else _more(samples, steps, gamma)
     if found is not None:
         yield found
 
 
-def _more(samples: _Array, steps: Steps) -> Contradiction | None:
+def _more(samples: _Array, steps: Steps, gamma: float) -> Contradiction | None:
     """Explain what four steps and more leave over."""
     fit = _fit(samples, steps.shifts_deg)
     n = len(samples)
@@ -116,6 +118,15 @@ def _more(samples: _Array, steps: Steps) -> Contradiction | None:
                 f"frames {first} and {second} fit when they change places",
                 is_error=True,
             )
+    level = _clipping(samples, fit.residual) if rms > 0.03 else None
+    if level is not None:
+        return _contradiction(
+            steps,
+            f"{100 * rms:.0f} % of their amplitude is left over, nearly all of it where samples "
+            f"reach {level:.0f}",
+            f"the camera clips there, below full scale: saturation_level = {level:.0f}",
+            is_error=True,
+        )
     angles = fit.phase[None] - np.radians(np.asarray(steps.shifts_deg))[:, None]
     second_harmonic = fit.leftover @ (fit.amplitude * np.cos(2 * angles))
     q, by_gamma = _regression(fit.residual, second_harmonic)
@@ -126,7 +137,7 @@ def _more(samples: _Array, steps: Steps) -> Contradiction | None:
     # A harmonic of 3 % and a frame 2 % brighter are the least that matter: of 64 px, they shift
     # four steps by up to 0.1 px. What is left over of noise alone is explained to less than 1 %.
     if by_gamma > by_flicker and by_gamma > 0.2 and abs(q) > 0.03:
-        return _gamma(steps, q, 0.0 if n > 3 else abs(q), f"{100 * rms:.1f} %")
+        return _gamma(steps, q, gamma, f"{100 * rms:.1f} % of the amplitude is left over")
     if by_flicker > 0.2 and abs(gain) > 0.02:
         return _flicker(steps, flickering, gain, float(fit.mean.mean()) / modulation)
     return _unexplained(steps)
@@ -142,11 +153,12 @@ def _best_swap(samples: _Array, shifts_deg: Sequence[float]) -> tuple[tuple[int,
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
         return float(np.sum(_fit(thin[order], shifts_deg).residual ** 2)) * scale
 
-    return min(((pair, left(pair)) for pair in combinations(range(len(samples)), 2)), key=_second)
-
-
-def _second(item: tuple[tuple[int, int], float]) -> float:
-    return item[1]
+    tried = {pair: left(pair) for pair in combinations(range(len(samples)), 2)}
+    least = min(tried.values())
+    # Exchanges that turn the order round fit as well: neighbours are likelier.
+    likely = [pair for pair, each in tried.items() if each <= 1.5 * least]
+    best = min(likely, key=lambda pair: pair[1] - pair[0])
+    return best, tried[best]
 
 
 def _regression(values: _Array, basis: _Array) -> tuple[float, float]:
@@ -162,28 +174,46 @@ def _regression(values: _Array, basis: _Array) -> tuple[float, float]:
     return product / squares, product**2 / squares / total
 
 
-def _three(samples: _Array, steps: Steps) -> Contradiction | None:
+def _three(samples: _Array, steps: Steps, gamma: float) -> Contradiction | None:
     """Find gamma and flicker in three steps, from modulation and mean that follow the phase."""
     fit = _fit(samples, steps.shifts_deg)
     # Few periods: light and shade of the scene would be taken for modulation.
     turns = steps.periods * _covered(fit.phase)
     if turns < 6 or not _equal_steps(steps.shifts_deg):
         return None
-    contrast = fit.amplitude / np.maximum(fit.mean, 1.0)
     bins = np.floor(fit.phase * (24 / (2 * np.pi))).astype(np.intp) % 24
-    count = np.bincount(bins, minlength=24)
-    if count.min() < 20:
+    if np.bincount(bins, minlength=24).min() < 20:
         return None
-    middle = np.array([np.median(contrast[bins == each]) for each in range(24)])
-    triple = np.exp(-3j * (np.arange(24) + 0.5) * (2 * np.pi / 24))
-    by_modulation = 2 * complex(np.mean(middle * triple)) / float(middle.mean())
-    crowding = complex(np.mean(np.exp(-3j * fit.phase)))
-    by_density = 2 / 3 * crowding
-    q = by_modulation.real
+    of_contrast = _by_phase(fit.amplitude / np.maximum(fit.mean, 1.0), bins)
+    q = _harmonic(of_contrast, 3).real
+    by_density = 2 / 3 * complex(np.mean(np.exp(-3j * fit.phase)))
     # Both tell the same harmonic in phase with the fringe; else it is the scene.
     if abs(q) > 0.05 and by_density.real * q > 0 and abs(by_density) > 0.3 * abs(q):
-        return _gamma(steps, q, abs(q), f"modulation varies by ±{100 * abs(q):.0f} % with 3φ")
+        return _gamma(steps, q, gamma, f"modulation varies by ±{100 * abs(q):.0f} % with 3φ")
+    # One frame brighter by g: the mean follows its light by g/3, the amplitude by 2g/3.
+    mean, amplitude = _by_phase(fit.mean, bins), _by_phase(fit.amplitude, bins)
+    ratio = float(mean.mean() / amplitude.mean())
+    by_mean = 3 * ratio * _harmonic(mean, 1)
+    by_amplitude = 1.5 / ratio * _harmonic(amplitude, 1)
+    own = np.exp(-1j * np.radians(np.asarray(steps.shifts_deg)))
+    gains = np.real(by_mean * own.conj())
+    step = int(np.abs(gains).argmax())
+    gain, other = float(gains[step]), float(np.real(by_amplitude * own[step].conj()))
+    one_frame = abs(gain) > 0.9 * abs(by_mean) and abs(other) > 0.9 * abs(by_amplitude)
+    if one_frame and min(gain / other, other / gain) > 0.5 and abs(gain) > 0.03:
+        return _flicker(steps, step, gain, ratio)
     return None
+
+
+def _by_phase(values: _Array, bins: NDArray[np.intp]) -> _Array:
+    """Return the median in each of 24 parts of the period."""
+    return np.array([np.median(values[bins == each]) for each in range(24)])
+
+
+def _harmonic(middle: _Array, order: int) -> complex:
+    """Return the harmonic of values by phase as a share of their mean: h·cos(order·φ − arg)."""
+    turn = np.exp(-1j * order * (np.arange(24) + 0.5) * (2 * np.pi / 24))
+    return 2 * complex(np.mean(middle * turn)) / float(middle.mean())
 
 
 def _equal_steps(shifts_deg: Sequence[float]) -> bool:
@@ -193,24 +223,30 @@ def _equal_steps(shifts_deg: Sequence[float]) -> bool:
 
 def _covered(phase: _Array) -> float:
     """Return the share of a period's phases that occur, 0 to 1."""
-    return float(np.mean(np.histogram(phase, bins=24, range=(-np.pi, np.pi))[0] > 0))
+    part = np.floor(phase * (24 / (2 * np.pi))).astype(np.intp) % 24
+    return np.count_nonzero(np.bincount(part, minlength=24)) / 24
 
 
-def _gamma(steps: Steps, q: float, phase_error: float, figure: str) -> Contradiction:
+def _gamma(steps: Steps, q: float, known: float, figure: str) -> Contradiction | None:
+    """Name the gamma of a second harmonic q, unless it is known already."""
     gamma = (1 + 2 * q) / (1 - q)
-    error_px = phase_error / (2 * np.pi) * steps.size / steps.periods
+    if known != 1.0 and abs(gamma - known) < 0.25 * known:
+        return None  # patterns that do not go down to black look like a smaller gamma
+    is_three = len(steps.frames) == 3
+    error_px = abs(q) / (2 * np.pi) * steps.size / steps.periods if is_three else 0.0
     found = f"the steps are no sinusoid: {figure}, a second harmonic of {100 * q:.0f} %"
     found += (
         f", which shifts the coordinate by up to {error_px:.1f} projector px"
-        if error_px
+        if is_three
         else ", which four steps and more cancel in the phase"
     )
+    said = "" if known == 1.0 else f" ({known:g} is said)"
     return _contradiction(
         steps,
         found,
-        f"light of gamma {gamma:.1f} looks so: let the projector show grey linearly, say its gamma,"
-        " or take more steps",
-        is_error=False,
+        f"light of gamma {gamma:.1f} looks so{said}: say projector_gamma, let the projector show "
+        "grey linearly, or take more steps",
+        is_error=error_px > 1.0,
     )
 
 
@@ -238,13 +274,24 @@ def _unexplained(steps: Steps) -> Contradiction | None:
     share = math.sqrt(max(alike, 0.0) / float(np.sum(amplitude**2)))
     if share < 0.1:
         return None
+    found = f"{100 * share:.0f} % of their amplitude is left over, alike in neighbouring pixels"
     return _contradiction(
         steps,
-        f"{100 * share:.0f} % of their amplitude is left over, alike in neighbouring pixels",
+        found,
         "the part or the sensor moved, frames are of other fringes, or the steps are not those "
         "said: check frames and shifts_deg",
         is_error=share > 0.3,
     )
+
+
+def _clipping(samples: _Array, residual: _Array) -> float | None:
+    """Return the level that samples do not exceed, where nearly all that is left over is there."""
+    highest = samples.max(axis=0)
+    level = float(highest.max())
+    there = highest >= level - 1.0
+    squares = (residual**2).sum(axis=0)
+    share = float(squares[there].sum() / max(float(squares.sum()), 1e-12))
+    return level if share > 0.8 and 30 <= np.count_nonzero(there) < 0.5 * there.size else None
 
 
 def _contradiction(steps: Steps, found: str, explanation: str, *, is_error: bool) -> Contradiction:
@@ -308,7 +355,7 @@ def best_relation(coordinate: _Array, phase: _Array, periods: float, size: int) 
 
 
 def check_phase(
-    coordinate: _Array, phase: _Array, steps: Steps, reference: str, *, exact: bool
+    coordinate: _Array, phase: _Array, steps: Steps, reference: str, *, expected: float = 1.0
 ) -> Contradiction | None:
     """Hold a fringe's phase against a coordinate that is known without it.
 
@@ -322,16 +369,16 @@ def check_phase(
         The fringe.
     reference : str
         Where the coordinate comes from, for the message.
-    exact : bool
-        True where the coordinate is certain to a small part of a period, so that no relation at
-        all is an error; a coarser fringe's noise may hide it.
+    expected : float
+        The coherence that the coordinate's noise leaves; where it is below 0.3, no relation at all
+        tells nothing.
 
     Returns
     -------
     Contradiction or None
         ``fringe-order``.
     """
-    if coordinate.size < _LEAST_PIXELS:
+    if coordinate.size < _LEAST_PIXELS or expected < 0.3:
         return None
     thin = slice(None, None, math.ceil(coordinate.size / _MOST_PIXELS))
     coordinate, phase = coordinate[thin], phase[thin]
@@ -353,15 +400,17 @@ def check_phase(
         return _phase_contradiction(
             steps, reference, found, explanation, is_error=abs(said.offset) > 0.2
         )
+    if said.coherence > 0.3 * expected:
+        return None  # noise of a coarse fringe, which decoding flags pixel by pixel
     other = best_relation(coordinate, phase, steps.periods, steps.size)
     found = f"the phase follows it with a coherence of {said.coherence:.2f} (1 is perfect)"
-    if other.coherence > 0.5:
+    if other.coherence > 0.5 * expected:
         turned = abs(other.periods + steps.periods) < max(1.0, 0.05 * steps.periods)
         if turned:
             again = relation(coordinate, phase, -steps.periods, steps.size)
             explanation = (
-                "the steps run the other way: reversed = true, or shifts_deg = "
-                f"{_shifts(steps, -1, again.offset)}"
+                "the steps run the other way: reversed = true (or false), or shifts_deg "
+                f"= {_shifts(steps, -1, again.offset)}"
             )
         else:
             way = " that run the other way" if other.periods < 0 else ""
@@ -376,7 +425,7 @@ def check_phase(
         found,
         "they do not belong together: check which frames are which, the number of periods and the "
         "width of a code",
-        is_error=exact and said.coherence < 0.2,
+        is_error=said.coherence < 0.15,
     )
 
 

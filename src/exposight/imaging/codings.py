@@ -38,9 +38,10 @@ class GrayCode:
         together and which pixels on an edge therefore misread more easily.
     code_width : int, px
         Projector pixels per code: 2 where the finest of the bits was left out.
-    first_code : int
+    first_code : int, optional
         Code that the projector's first column (or row) shows: (2**bits − size)/2 where a program
-        centres its codes, one px wide, on the projector.
+        centres its codes, one px wide, on the projector. Where it is not said, 0 is assumed, and
+        decoding warns if the frames allow centred codes as well.
     complementary_frame : int, optional
         Frame of the next finer bit of the Gray code: stripes as wide as a code, shifted by half a
         code, so that their edges lie in the middle of codes; dark over the first half of code 0 and
@@ -61,7 +62,7 @@ class GrayCode:
     inverse_frames: tuple[FrameNumber, ...] = ()
     code: Literal["gray", "binary"] = "gray"
     code_width: int = 1
-    first_code: int = 0
+    first_code: int | None = None
     complementary_frame: FrameNumber | None = None
 
     def __post_init__(self) -> None:
@@ -80,7 +81,7 @@ class GrayCode:
         if self.code_width < 1:
             msg = f"a Gray code's width must be at least 1 projector px, got {self.code_width}"
             raise ImageError(msg)
-        if not 0 <= self.first_code < 2 ** len(self.frames):
+        if not 0 <= (self.first_code or 0) < 2 ** len(self.frames):
             msg = (
                 f"the first code of {len(self.frames)} bits must be from 0 to "
                 f"{2 ** len(self.frames) - 1}, got {self.first_code}"
@@ -114,7 +115,7 @@ class GrayCode:
     @property
     def finest_first_code(self) -> int:
         """The first column's code, counted in codes of `finest_width`."""
-        return self.first_code * (self.code_width // self.finest_width)
+        return (self.first_code or 0) * (self.code_width // self.finest_width)
 
     def slides(self, size: int) -> dict[int, NDArray[np.float64]]:
         """Return 0 or 1 along an axis of `size` px, (size,), by frame."""

@@ -34,8 +34,8 @@ FRAME_CHECKS = (
 )
 """Names of the checks of frames; see ``docs/contradictions.md``."""
 
-# Pixels of a frame that are looked at: of 4 megapixels every 64th pair of lines.
-_SAMPLED_PIXELS = 65_536
+# Pixels of a frame that are looked at: of 4 megapixels every 128th pair of lines.
+_SAMPLED_PIXELS = 32_768
 
 
 def frame_contradictions(
@@ -66,12 +66,15 @@ def frame_contradictions(
         yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
 
 
-def line_pairs(stack: FrameStack, *, vertical: bool) -> Light:
-    """Return the light of pairs of adjacent rows, or of columns turned to rows."""
+def line_pairs(stack: FrameStack, *, vertical: bool, most: int = _SAMPLED_PIXELS) -> Light:
+    """Return the light of pairs of adjacent rows, or of columns turned to rows.
+
+    Of about `most` pixels a frame.
+    """
     frames = stack.frames.transpose(0, 2, 1) if vertical else stack.frames
     _, rows, columns = frames.shape
     pairs = max(1, rows // 2)
-    step = max(1, math.ceil(2 * pairs * columns / _SAMPLED_PIXELS))
+    step = max(1, math.ceil(2 * pairs * columns / most))
     first = 2 * np.arange(min(step // 2, pairs - 1), pairs, step)
     chosen = np.stack([first, np.minimum(first + 1, rows - 1)], axis=1).ravel()
     return replace(stack, frames=cast("Image", np.ascontiguousarray(frames[:, chosen]))).light()
@@ -81,10 +84,12 @@ def _changes(
     lines: Light, sequence: PatternSequence, coding: AxisCoding, limits: DecodingLimits
 ) -> float:
     """Return by how much the axis' finest pattern changes from pixel to pixel along the lines."""
+    lines = lines._replace(frames=lines.frames[:, ::4])
     if coding.fringes:
         fringe = coding.fringes[-1]
-        wave = np.exp(2j * np.pi * _phase(lines, fringe)[0])
-        usable = _usable(lines, fringe, limits)
+        phase, amplitude = _phase(lines, fringe)
+        wave = np.exp(2j * np.pi * phase)
+        usable = _usable(lines, fringe, amplitude, limits)
         both = usable[:, 1:] & usable[:, :-1]
         steps = np.abs(wave[:, 1:] - wave[:, :-1])[both]
         return float(np.median(steps)) if steps.size else 0.0
@@ -104,7 +109,7 @@ def _axis_contradictions(
     limits: DecodingLimits,
 ) -> Iterator[Contradiction]:
     coordinate: NDArray[np.float64] | None = None
-    reference, exact = "", True
+    reference, expected, spoiled = "", 1.0, False
     gray_code = coding.gray_code
     if gray_code is not None:
         words = _words(lines, sequence, gray_code, limits)
@@ -118,26 +123,36 @@ def _axis_contradictions(
         beyond = check_coverage(words, reading, n_codes, gray_code.first_code, axis)
         if beyond is not None:
             yield beyond
-        thresholds = sequence.threshold_fringes(axis)
-        read = decode_gray_code(lines, sequence, gray_code, thresholds, size, limits)
-        # Without an edge on a side a coordinate is the middle of its code: of a wide one too rough.
-        is_exact = read.is_located if gray_code.code_width >= 4 else True
-        coordinate = np.where(is_exact, read.coordinate, np.nan)
+        if coding.fringes:
+            thresholds = sequence.threshold_fringes(axis)
+            read = decode_gray_code(lines, sequence, gray_code, thresholds, size, limits)
+            # Without an edge on a side a coordinate is its code's middle: too rough of a wide one.
+            is_exact = read.is_located if gray_code.code_width >= 4 else True
+            coordinate = np.where(is_exact, read.coordinate, np.nan)
         reference = f"the Gray code of the {axis}"
     for fringe in coding.fringes:
-        steps = _steps(lines, fringe, size, axis, limits)
-        if sequence.projector_gamma == 1.0:  # else its harmonics are known
-            yield from check_steps(steps)
-        phase = _phase(lines, fringe)[0]
+        phase, amplitude = _phase(lines, fringe)
         if sequence.projector_gamma != 1.0:
             correction = phase_correction(
                 fringe.steps_deg, sequence.projector_gamma, sequence.pattern_contrast
             )
-            phase += np.interp(phase, np.linspace(-0.5, 0.5, correction.size), correction)
+            phase = phase + np.interp(phase, np.linspace(-0.5, 0.5, correction.size), correction)
+        usable = _usable(lines, fringe, amplitude, limits)
+        steps = _steps(lines, fringe, usable, size, axis)
+        if len(fringe.frames) == 3 and _is_chosen(lines, fringe, amplitude, usable, limits):
+            usable = np.zeros_like(usable)
+        told = steps._replace(usable=usable)
+        for each in check_steps(told, sequence.projector_gamma):
+            yield each
+            # What harmonics do to three steps, or swapped frames, is no other order or number.
+            spoiled |= gray_code is None and (each.is_error or len(fringe.frames) == 3)
         period_px = size / fringe.periods
         if coordinate is not None:
             where = steps.usable & np.isfinite(coordinate)
-            found = check_phase(coordinate[where], phase[where], steps, reference, exact=exact)
+            found = None
+            if not spoiled:
+                at, here = coordinate[where], phase[where]
+                found = check_phase(at, here, steps, reference, expected=expected)
             if found is not None:
                 yield found
         if gray_code is None:
@@ -149,7 +164,20 @@ def _axis_contradictions(
             else:
                 order = np.rint(coordinate / period_px - phase)
             coordinate = np.where(steps.usable, (phase + order) * period_px, np.nan)
-            reference, exact = f"that of the coarser fringe of {fringe.periods:g}", False
+            reference = f"that of the coarser fringe of {fringe.periods:g}"
+        if gray_code is None and fringe is not coding.fringes[-1]:
+            finer = coding.fringes[coding.fringes.index(fringe) + 1]
+            expected = _expected_coherence(coordinate, size / finer.periods)
+
+
+def _expected_coherence(coordinate: NDArray[np.float64] | None, period_px: float) -> float:
+    """Return the coherence with a fringe's phase that a coordinate's noise leaves."""
+    if coordinate is None:
+        return 0.0
+    bend = coordinate[:, 2:] - 2 * coordinate[:, 1:-1] + coordinate[:, :-2]
+    bend = np.abs(bend[np.isfinite(bend)])
+    noise_px = 1.4826 * float(np.median(bend)) / math.sqrt(6) if bend.size else math.inf
+    return math.exp(-2 * (math.pi * min(noise_px / period_px, 10.0)) ** 2)
 
 
 def _signals(
@@ -192,17 +220,37 @@ def _phase(lines: Light, fringe: Fringe) -> tuple[NDArray[np.float64], NDArray[n
     return np.arctan2(sine, cosine) / (2 * np.pi), np.hypot(cosine, sine)
 
 
-def _usable(lines: Light, fringe: Fringe, limits: DecodingLimits) -> NDArray[np.bool_]:
+def _usable(
+    lines: Light, fringe: Fringe, amplitude: NDArray[np.float64], limits: DecodingLimits
+) -> NDArray[np.bool_]:
     """Return where the fringe is modulated well and not clipped."""
-    amplitude = _phase(lines, fringe)[1] * lines.scale
+    amplitude = amplitude * lines.scale
     clipped = (lines.frames[list(fringe.frames)] >= lines.clips_at).any(axis=0)
     return np.asarray((amplitude >= max(limits.min_modulation, 1e-6)) & ~clipped)
 
 
-def _steps(lines: Light, fringe: Fringe, size: int, axis: str, limits: DecodingLimits) -> Steps:
+def _is_chosen(
+    lines: Light,
+    fringe: Fringe,
+    amplitude: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    limits: DecodingLimits,
+) -> bool:
+    """Return whether which pixels are usable depends on their phase: clipped, or nearly too dark.
+
+    What three steps tell is how modulation and mean follow the phase.
+    """
+    if not usable.any():
+        return True
+    clipped = (lines.frames[list(fringe.frames)] >= lines.clips_at).any(axis=0)
+    typical = float(np.median(amplitude[usable])) * lines.scale
+    return bool(clipped.sum() > 0.02 * usable.sum()) or typical < 2.0 * limits.min_modulation
+
+
+def _steps(lines: Light, fringe: Fringe, usable: NDArray[np.bool_], size: int, axis: str) -> Steps:
     return Steps(
         samples=lines.frames[list(fringe.frames)].astype(np.float64),
-        usable=_usable(lines, fringe, limits),
+        usable=usable,
         shifts_deg=fringe.steps_deg,
         frames=fringe.frames,
         periods=fringe.periods,

@@ -150,7 +150,7 @@ def guess_sequence(
 
 
 def _view(stack: FrameStack, *, vertical: bool) -> _View:
-    light = line_pairs(stack, vertical=vertical)
+    light = line_pairs(stack, vertical=vertical, most=131_072)
     samples = light.frames.astype(np.float64)
     contrast = samples.max(axis=0) - samples.min(axis=0)
     least = max(10 / light.scale, 0.3 * float(np.percentile(contrast, 98)))
@@ -297,12 +297,10 @@ def _gray_code(content: _Axis, reading: Reading, size: int) -> GrayCode:
     if inverses and reading.inverted:
         frames, inverses = inverses, frames
     n = len(reading.order)
-    if reading.binary:
-        msg = f"frames {', '.join(map(str, frames))} show plain binary numbers, not Gray code"
-        raise ImageError(msg)
     return GrayCode(
         frames=tuple(frames[i] for i in reading.order),
         inverse_frames=tuple(inverses[i] for i in reading.order) if inverses else (),
+        code="binary" if reading.binary else "gray",
         code_width=max(1, math.ceil(size / 2**n)),
     )
 

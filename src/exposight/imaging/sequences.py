@@ -212,7 +212,7 @@ class PatternSequence:
                 f"the Gray code of the {axis} has no inverse frames; say which frames are "
                 "white and black, or which are the inverses"
             )
-        covered = (2 ** len(gray.frames) - gray.first_code) * gray.code_width
+        covered = (2 ** len(gray.frames) - (gray.first_code or 0)) * gray.code_width
         if covered < size:
             yield (
                 f"the Gray code of the {axis} covers {covered} px of a projector of {size} px; "
