@@ -107,7 +107,7 @@ SEQUENCE_PRESETS: Mapping[str, PatternSequence] = MappingProxyType(
             rows=_foam_axis(1080, 6, (22, 30)),
             white_frame=30,
             black_frame=31,
-            projector_gamma=2.5,  # the coordinate on the wall waves least: by 0.3 px, not 2.6
+            projector_gamma=2.5,  # the coordinate on the wall waves by 0.2 px, without it by 2.6
             file_pattern="pat*.png",
         ),
     }
