@@ -564,7 +564,7 @@ def coarser_clouds() -> list[Attempt]:
         write_cloud(Path(f"loose{step}.ply"), Cloud(points=coarse[np.isfinite(coarse[..., 0])]))
         attempts += [
             _observe(f"--cloud every{step}.ply", plate=plate),
-            _observe(f"--cloud loose{step}.ply", names="fewer points than pixels", plate=plate),
+            _observe(f"--cloud loose{step}.ply", names="points on every", plate=plate),
         ]
     return attempts
 

@@ -155,30 +155,46 @@ def dense_pixels(step):
     return np.column_stack([columns.ravel(), rows.ravel()]).astype(float)
 
 
+def thinner(pixels, grey=80.0):
+    return thinner_than_image(pixels, np.full(len(pixels), grey))
+
+
 def test_as_many_points_as_pixels():
-    assert thinner_than_image(dense_pixels(1)) is None
+    assert thinner(dense_pixels(1)) is None
 
 
-@pytest.mark.parametrize(("step", "times"), [(2, "4.0"), (4, "16.0")])
-def test_a_sub_sampled_cloud(step, times):
-    found = thinner_than_image(dense_pixels(step))
+@pytest.mark.parametrize("step", [2, 3, 4])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_sub_sampled_cloud(step, offset):
+    rng = np.random.default_rng(1)
+    pixels = dense_pixels(step)
+    kept = rng.random(len(pixels)) < 0.9
+    found = thinner(pixels[kept] + offset + rng.normal(0, 0.05, (kept.sum(), 2)))
     assert found.is_error
-    assert f"{times} times fewer points than pixels" in found.found
+    assert {2: "second", 3: "third", 4: "4th"}[step] in found.found
 
 
-def test_a_thinned_cloud():
+def test_a_thinned_cloud_may_be_thinned():
     chosen = np.random.default_rng(3).random(200 * 250) < 0.25
-    assert thinner_than_image(dense_pixels(1)[chosen]) is not None
+    found = thinner(dense_pixels(1)[chosen])
+    assert not found.is_error
+    assert "4.0 times fewer points" in found.found
+
+
+@pytest.mark.parametrize("grey", [12.0, 180.0])
+def test_dark_and_bright_images_give_few_points(grey):
+    chosen = np.random.default_rng(3).random(200 * 250) < 0.25
+    assert thinner(dense_pixels(1)[chosen], grey) is None
 
 
 def test_two_clouds_in_one_file():
     pixels = dense_pixels(1)
-    found = thinner_than_image(np.concatenate([pixels, pixels + 0.3]))
+    found = thinner(np.concatenate([pixels, pixels + 0.3]))
     assert "2.0 times more points than pixels" in found.found
 
 
-def test_a_dark_image_makes_a_cloud_uneven_not_thin():
+def test_a_dark_side_makes_a_cloud_uneven_not_thin():
     pixels = dense_pixels(1)
     rng = np.random.default_rng(4)
     share = 0.6 * (pixels[:, 0] - 150) / 250  # from none at the left to 60 % at the right
-    assert thinner_than_image(pixels[rng.random(len(pixels)) < share]) is None
+    assert thinner(pixels[rng.random(len(pixels)) < share]) is None

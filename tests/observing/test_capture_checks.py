@@ -102,7 +102,7 @@ def test_a_part_that_stands_elsewhere(observed):
 
 def test_a_cloud_of_half_the_resolution(observed, capture):
     half = Cloud(points=capture.cloud.points[::2, ::2].reshape(-1, 3))
-    with pytest.raises(ContradictionError, match=r"4\.0 times fewer points than pixels"):
+    with pytest.raises(ContradictionError, match="every second pixel"):
         observed(cloud=half)
     table = observed(cloud=half, despite=("thinner-than-image",))
     assert [each.check for each in table.contradictions] == ["thinner-than-image"]

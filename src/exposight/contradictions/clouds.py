@@ -255,19 +255,31 @@ def _other_frame(
 _BLOCK_PX = 8
 _FEWEST_BLOCKS = 30
 _THIN = 0.75
-"""Of a block's pixels, at most, hold a point: where light suffices a cloud is denser anywhere."""
+"""Of a block's pixels, at most, hold a point: where light suffices a cloud is denser somewhere."""
 _EVEN = 2.0
 """The best blocks hold at most so many times the points of the median one: light and surfaces make
 clouds less even than that, thinning does not."""
+_COARSEST = 8
+_ON_GRID = 0.8
+"""Length of the mean of exp(2πi·u/k) over points k pixels apart is 1, over others about 0."""
+_DARK, _BRIGHT = 30.0, 130.0
+"""Grey levels between which any surface gives points on most pixels."""
 
 
-def thinner_than_image(pixels: NDArray[np.float64]) -> Contradiction | None:
+def thinner_than_image(
+    pixels: NDArray[np.float64], grey: NDArray[np.floating]
+) -> Contradiction | None:
     """Check that a cloud without rows and columns has as many points as the image has pixels.
+
+    Points on every k-th pixel of rows and columns cannot be chance. A cloud that is evenly thin may
+    be thinned, where its pixels are neither dark nor bright.
 
     Parameters
     ----------
     pixels : (n, 2) ndarray, px
         Where its points project to, those outside the image left out.
+    grey : (n,) ndarray, 0–255
+        The image there.
     """
     if len(pixels) < _FEWEST_BLOCKS:
         return None
@@ -275,26 +287,45 @@ def thinner_than_image(pixels: NDArray[np.float64]) -> Contradiction | None:
     block = (np.floor(pixels / _BLOCK_PX) - low).astype(np.int64)
     counts = np.bincount(block[:, 1] * int(block[:, 0].max() + 1) + block[:, 0])
     shares = counts[counts > 0] / _BLOCK_PX**2
-    if shares.size < _FEWEST_BLOCKS:
+    step = _step_of_grid(pixels)
+    if step > 1:
+        found = f"it has points on every {_ordinal(step)} pixel of rows and columns only"
+        times = 1.0 / step**2
+    elif shares.size < _FEWEST_BLOCKS:
         return None
-    middle, high = (float(share) for share in np.percentile(shares, [50, 95]))
-    if high > _EVEN * middle:
-        return None
-    if high <= _THIN:
-        found = f"{1.0 / middle:.1f} times fewer points than pixels, everywhere alike"
-        reading = "thinned or at a fraction of the image's resolution"
-    elif middle >= 1.0 / _THIN:
-        found = f"{middle:.1f} times more points than pixels, everywhere alike"
-        reading = "denser than the image, or several clouds in one file"
     else:
-        return None
+        middle, high = (float(share) for share in np.percentile(shares, [50, 95]))
+        lit = _DARK <= float(np.median(grey)) <= _BRIGHT
+        thin = high <= _THIN and lit
+        if high > _EVEN * middle or not (thin or middle >= 1.0 / _THIN):
+            return None
+        times = middle
+        how = f"{1 / times:.1f} times fewer" if thin else f"{times:.1f} times more"
+        found = f"{how} points than pixels, everywhere alike"
     return Contradiction(
         check=THINNER,
         compared="how many points a cloud has where the image has pixels",
         found=found,
-        explanation=f"the cloud is {reading}, so every p_norm would be wrong by that ratio: export "
-        "it organised, with its missing points",
+        explanation=(
+            "the cloud is "
+            + ("thinned" if times < 1 else "denser than the image, or several clouds in one file")
+            + f", so every p_norm would be {times:.3g} times what it is: export the cloud "
+            "organised, at its own resolution, with its missing points"
+        ),
+        is_error=step > 1,
     )
+
+
+def _step_of_grid(pixels: NDArray[np.float64]) -> int:
+    """Return how many pixels the points lie apart, if on a grid coarser than the image; else 1."""
+    for step in range(_COARSEST, 1, -1):
+        if np.abs(np.exp(2j * np.pi * pixels / step).mean(axis=0)).min() > _ON_GRID:
+            return step
+    return 1
+
+
+def _ordinal(number: int) -> str:
+    return {2: "second", 3: "third"}.get(number, f"{number}th")
 
 
 def _px(value: float) -> str:

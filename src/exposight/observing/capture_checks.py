@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell import ActiveSensor, Capture
+from exposight.cell import GREY_MAX, ActiveSensor, Capture
 from exposight.contradictions import Contradiction, clouds, rings
 from exposight.contradictions.greys import check_greys
 from exposight.geometry import grid_camera, grid_ratio
@@ -55,7 +55,10 @@ def capture_contradictions(
         yield behind
         if behind is not None:
             return
-        yield clouds.thinner_than_image(_pixels_seen(cloud.valid_points, sensor))
+        pixels = _pixels_seen(cloud.valid_points, sensor)
+        column, row = np.rint(pixels).astype(np.int64).T
+        scale = GREY_MAX / capture.full_scale
+        yield clouds.thinner_than_image(pixels, scale * capture.image[row, column])
     yield rings.too_many_points(
         np.array([np.nan if row.p_norm is None else row.p_norm for row in rows]),
         np.array([np.nan if row.n_pixels is None else row.n_pixels for row in rows]),
