@@ -10,6 +10,7 @@ For light (½ + ½·cos φ)^γ the second harmonic is q = (γ − 1)/(γ + 2) of
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
@@ -63,12 +64,18 @@ class _Fit(NamedTuple):
     """(n, n) projector onto what three unknowns cannot fit."""
 
 
-def _fit(samples: _Array, shifts_deg: Sequence[float]) -> _Fit:
+@lru_cache(maxsize=64)
+def _solver(shifts_deg: tuple[float, ...]) -> tuple[_Array, _Array]:
+    """Return what takes samples to mean, cosine and sine, and to what these leave over."""
     shifts = np.radians(np.asarray(shifts_deg, dtype=np.float64))
     design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
     inverse = np.linalg.pinv(design)
+    return inverse, np.eye(len(shifts)) - design @ inverse
+
+
+def _fit(samples: _Array, shifts_deg: Sequence[float]) -> _Fit:
+    inverse, leftover = _solver(tuple(shifts_deg))
     mean, cosine, sine = inverse @ samples
-    leftover = np.eye(len(shifts)) - design @ inverse
     return _Fit(
         mean, np.hypot(cosine, sine), np.arctan2(sine, cosine), leftover @ samples, leftover
     )
@@ -147,11 +154,12 @@ def _best_swap(samples: _Array, shifts_deg: Sequence[float]) -> tuple[tuple[int,
     """Return the two steps whose exchange leaves least, and how much (sum of squares)."""
     thin = samples[:, :: max(1, samples.shape[1] // 4_000)]
     scale = samples.shape[1] / thin.shape[1]
+    leftover = _solver(tuple(shifts_deg))[1]
 
     def left(pair: tuple[int, int]) -> float:
         order = list(range(len(samples)))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
-        return float(np.sum(_fit(thin[order], shifts_deg).residual ** 2)) * scale
+        return float(np.sum((leftover @ thin[order]) ** 2)) * scale
 
     tried = {pair: left(pair) for pair in combinations(range(len(samples)), 2)}
     least = min(tried.values())
@@ -266,12 +274,13 @@ def _flicker(steps: Steps, step: int, gain: float, mean_over_amplitude: float) -
 
 def _unexplained(steps: Steps) -> Contradiction | None:
     """Report what is left over alike in neighbouring pixels, and so is no noise."""
-    fit = _fit(steps.samples.reshape(len(steps.samples), -1), steps.shifts_deg)
-    residual = fit.residual.reshape(steps.samples.shape)
+    inverse, leftover = (matrix.astype(np.float32) for matrix in _solver(tuple(steps.shifts_deg)))
+    samples = steps.samples.astype(np.float32).reshape(len(steps.samples), -1)
+    residual = np.where(steps.usable, (leftover @ samples).reshape(steps.samples.shape), 0)
+    waves = (inverse[1:] @ samples).reshape(2, *steps.usable.shape)[:, :, 1:]
     pairs = steps.usable[:, 1:] & steps.usable[:, :-1]
-    amplitude = fit.amplitude.reshape(steps.usable.shape)[:, 1:][pairs]
-    alike = (residual[:, :, 1:] * residual[:, :, :-1])[:, pairs].sum() / (len(residual) - 3)
-    share = math.sqrt(max(alike, 0.0) / float(np.sum(amplitude**2)))
+    alike = float(np.sum(residual[:, :, 1:] * residual[:, :, :-1])) / (len(residual) - 3)
+    share = math.sqrt(max(alike, 0.0) / float(np.sum(waves**2, where=pairs)))
     if share < 0.1:
         return None
     found = f"{100 * share:.0f} % of their amplitude is left over, alike in neighbouring pixels"

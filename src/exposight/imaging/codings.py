@@ -7,6 +7,7 @@ the centre of column 0.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -186,6 +187,11 @@ class Fringe:
 
     def solver(self) -> NDArray[np.float64]:
         """Return the (3, n) pseudo-inverse that takes samples to A, B·cos φ, B·sin φ."""
-        shifts = np.radians(np.asarray(self.steps_deg, dtype=np.float64))
-        design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
-        return np.asarray(np.linalg.pinv(design))
+        return _solver(self.steps_deg).copy()
+
+
+@lru_cache(maxsize=64)
+def _solver(steps_deg: tuple[float, ...]) -> NDArray[np.float64]:
+    shifts = np.radians(np.asarray(steps_deg, dtype=np.float64))
+    design = np.column_stack([np.ones_like(shifts), np.cos(shifts), np.sin(shifts)])
+    return np.asarray(np.linalg.pinv(design))

@@ -116,10 +116,9 @@ def _where_features_are(
         valid = np.isfinite(there[:, 0])
         seen.append(float(valid.mean()))
         p_norm.append(row.p_norm)
-        in_feature = view.camera_from_feature.inverse().apply(there[valid].astype(np.float64))
-        off.append(
-            view.region.plane_z_mm - float(np.median(in_feature[:, 2])) if valid.any() else np.nan
-        )
+        pose = view.camera_from_feature
+        height = (there[valid].astype(np.float64) - pose.translation_mm) @ pose.rotation[:, 2]
+        off.append(view.region.plane_z_mm - float(np.median(height)) if valid.any() else np.nan)
     if not seen:
         return None
     return rings.points_elsewhere(np.array(seen), np.array(p_norm), np.array(off))
