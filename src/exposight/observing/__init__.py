@@ -3,12 +3,10 @@
 from exposight.observing.brightness import ring_brightness
 from exposight.observing.masks import (
     FeatureView,
-    PointSearch,
     View,
     Visibility,
     incidence_deg,
     orientation_deg,
-    point_search,
     pose_columns,
     tcp_text,
     view_features,
@@ -20,6 +18,7 @@ from exposight.observing.observe import (
     observe_capture,
     open_campaign,
 )
+from exposight.observing.point_search import PointSearch, point_search
 from exposight.observing.schema import SCHEMA, Observation
 from exposight.observing.table import (
     ObservationTable,

@@ -24,6 +24,7 @@ from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
 from exposight.observing.capture_checks import capture_contradictions
+from exposight.observing.point_search import PointSearch, point_search
 from exposight.observing.readings import reading_that_fits, why_not_visible
 from exposight.observing.ring_geometry import ring_geometry
 from exposight.observing.schema import Observation
@@ -38,7 +39,7 @@ _NO_COLUMNS: Mapping[str, Any] = MappingProxyType({})
 def observe_capture(
     capture: cell.Capture,
     views: tuple[masks.FeatureView, ...],
-    search: masks.PointSearch,
+    search: PointSearch,
     shared: Mapping[str, Any] = _NO_COLUMNS,
 ) -> list[Observation]:
     """Observe features in one capture.
@@ -114,7 +115,7 @@ class Observer:
             self._pose = capture.camera_from_part
             self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
             self._shared = masks.shared_columns(self._part, self._sensor, self._pose)
-        search = masks.point_search(capture.require_cloud(), self._sensor.camera)
+        search = point_search(capture.require_cloud(), self._sensor.camera)
         rows = observe_capture(capture, self._views, search, self._shared)
         found = [
             self._explained(each, capture)

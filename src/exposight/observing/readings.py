@@ -23,6 +23,7 @@ from exposight.cell import (
 from exposight.contradictions import clouds
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
+from exposight.observing.point_search import PointSearch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +129,7 @@ def _p_norm(
     visible = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
     if not visible:
         return 0.0
-    counts = masks.PointSearch(None, points).count(visible)
+    counts = PointSearch(None, points).count(visible)
     return float(np.median(counts / [view.n_pixels for view in visible]))
 
 

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from exposight.compiled import njit
 from exposight.geometry import PixelBox, packed_boxes, packed_cylinders
-from exposight.observing.masks import FeatureView, PointSearch
+from exposight.observing.masks import FeatureView
+from exposight.observing.point_search import PointSearch
 
 FloatArray = NDArray[np.float64]
 
