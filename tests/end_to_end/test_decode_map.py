@@ -41,6 +41,8 @@ def test_a_map_needs_no_calibration(recording, run_json):
     error = decoded.column[5:] - (np.arange(200) / 2 - 0.25)
     assert np.abs(error).max() <= 0.5
     assert decoded.row is None
+    known = run_json("info", path)
+    assert (known["kind"], known["decoded"]) == ("decoded map", 35 * 200)
 
 
 def test_a_cloud_does(recording, run):

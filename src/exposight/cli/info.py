@@ -26,7 +26,7 @@ from exposight.geometry import (
     read_projector_camera,
 )
 from exposight.geometry.meshes import MESH_SUFFIXES
-from exposight.imaging import SEQUENCE_PRESETS, read_sequence
+from exposight.imaging import SEQUENCE_PRESETS, read_map, read_sequence
 from exposight.measuring import read_state, recorded_driver
 from exposight.models import (
     MODEL_SUFFIX,
@@ -40,7 +40,7 @@ from exposight.observing import read_observations
 from exposight.planning import read_exposure_plan
 from exposight.plans import PLAN_FORMAT, PLAN_SUFFIXES, PLANS
 from exposight.quantities import quantity
-from exposight.tables import Table, number
+from exposight.tables import Table, count, number
 from exposight.twin.part import SCENE_FILE, is_scene, read_scene, scene_sensor
 
 if TYPE_CHECKING:
@@ -83,8 +83,8 @@ def info_command(file: Path, /) -> Result:
     ----------
     file
         Campaign, model, sensor, feature list, observation table, point cloud, image, folder of
-        frames, calibration, pattern sequence, measuring plan, exposure plan or state of a loop; or
-        the name of a plan or sensor.
+        frames, calibration, pattern sequence, decoded map, measuring plan, exposure plan or state
+        of a loop; or the name of a plan or sensor.
     """
     if not file.exists() and str(file) not in (names := (*PLANS, *PRESETS)):
         msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
@@ -331,4 +331,27 @@ def _sequence(path: Path) -> Iterator[Fact]:
     sequence = read_sequence(path)
     yield from _facts(name=sequence.name, frames=sequence.n_frames, bits=sequence.bit_depth)
     for axis, coding, _ in sequence.axes():
-        yield fact(axis, asdict(coding), type(coding).__name__)
+        parts = []
+        if (code := coding.gray_code) is not None:
+            kind = "Gray code" if code.code == "gray" else "plain binary code"
+            parts.append(f"{kind} of {len(code.frames)} bits, {code.code_width:g} px a code")
+        if coding.fringes:
+            periods = ", ".join(f"{fringe.periods:g}" for fringe in coding.fringes)
+            steps = ", ".join(str(len(fringe.frames)) for fringe in coding.fringes)
+            parts.append(f"fringes of {periods} periods in {steps} steps")
+        yield fact(axis, asdict(coding), "; ".join(parts))
+
+
+@_kind("decoded map", ".npz", _named(".npz"))
+def _map(path: Path) -> Iterator[Fact]:
+    decoded = read_map(path)
+    counts = decoded.counts()
+    share = f"{count(counts.decoded)} of {count(counts.pixels)} pixels"
+    yield fact("size_px", list(decoded.image_shape[::-1]))
+    yield fact("projector_size_px", [decoded.projector_width, decoded.projector_height])
+    yield fact("decoded", counts.decoded, share)
+    for name in ("column", "row"):
+        coordinate = getattr(decoded, name)
+        if coordinate is not None:
+            yield _range(f"{name}_px", coordinate.ravel())
+    yield _range("modulation", decoded.modulation.ravel())
