@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from exposight.errors import ContradictionError
 from exposight.imaging import (
     AxisCoding,
     FrameStack,
@@ -72,7 +73,9 @@ def test_every_step_and_every_fringe_is_held_against_the_others():
     sequence = sequence_of(AxisCoding(fringes=fringes), projector_width=1024)
     stack = recorded(sequence, ramp(3, 1020))
     backwards = stack.frames[[0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 10, 9]]  # 56 runs the other way
-    decoded = decode(FrameStack(frames=backwards), sequence)
+    with pytest.raises(ContradictionError, match=r"fringe of 56 periods .* run the other way"):
+        decode(FrameStack(frames=backwards), sequence)
+    decoded = decode(FrameStack(frames=backwards), sequence, despite=["fringe-order"])
     # Three phases of one coordinate leave two residuals, of which 0.8 each are within ±0.4.
     assert decoded.flagged(PixelFlag.AMBIGUOUS).mean() == pytest.approx(1 - 0.8**2, abs=0.06)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from exposight.cell import Image
 from exposight.contradictions import Contradiction
 from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
+from exposight.contradictions.fringe_sets import FringeSet, check_fringe_set
 from exposight.contradictions.greys import check_greys
 from exposight.contradictions.steps import Steps, check_phase, check_steps
 from exposight.imaging.codings import Fringe, GrayCode
@@ -130,6 +131,7 @@ def _axis_contradictions(
             is_exact = read.is_located if gray_code.code_width >= 4 else True
             coordinate = np.where(is_exact, read.coordinate, np.nan)
         reference = f"the Gray code of the {axis}"
+    phases, lit = [], []
     for fringe in coding.fringes:
         phase, amplitude = _phase(lines, fringe)
         if sequence.projector_gamma != 1.0:
@@ -146,6 +148,8 @@ def _axis_contradictions(
             yield each
             # What harmonics do to three steps, or swapped frames, is no other order or number.
             spoiled |= gray_code is None and (each.is_error or len(fringe.frames) == 3)
+        phases.append(phase)
+        lit.append(steps.usable)
         period_px = size / fringe.periods
         if coordinate is not None:
             where = steps.usable & np.isfinite(coordinate)
@@ -168,6 +172,20 @@ def _axis_contradictions(
         if gray_code is None and fringe is not coding.fringes[-1]:
             finer = coding.fringes[coding.fringes.index(fringe) + 1]
             expected = _expected_coherence(coordinate, size / finer.periods)
+    if gray_code is None and coordinate is None and not spoiled:
+        found = check_fringe_set(
+            FringeSet(
+                phases=np.stack(phases),
+                usable=np.logical_and.reduce(lit),
+                periods=[fringe.periods for fringe in coding.fringes],
+                frames=[fringe.frames for fringe in coding.fringes],
+                combinations=np.array(coding.ladder(size).combinations),
+                size=size,
+                axis=axis,
+            )
+        )
+        if found is not None:
+            yield found
 
 
 def _expected_coherence(coordinate: NDArray[np.float64] | None, period_px: float) -> float:
