@@ -108,6 +108,13 @@ def test_a_cloud_of_half_the_resolution(observed, capture):
     assert [each.check for each in table.contradictions] == ["thinner-than-image"]
 
 
+def test_points_on_every_second_pixel_of_an_organised_cloud(observed, capture):
+    points = np.full_like(capture.cloud.points, np.nan)
+    points[1::2, ::2] = capture.cloud.points[1::2, ::2]
+    with pytest.raises(ContradictionError, match="every second pixel"):
+        observed(cloud=Cloud(points=points))
+
+
 def test_a_normal_that_is_wrong_by_itself(observed, part):
     first, *others = part.features
     tilt = RigidTransform.from_fanuc_wpr((0, 0, 0), 0, 38, 0)

@@ -287,21 +287,38 @@ def thinner_than_image(
     block = (np.floor(pixels / _BLOCK_PX) - low).astype(np.int64)
     counts = np.bincount(block[:, 1] * int(block[:, 0].max() + 1) + block[:, 0])
     shares = counts[counts > 0] / _BLOCK_PX**2
-    step = _step_of_grid(pixels)
-    if step > 1:
-        found = f"it has points on every {_ordinal(step)} pixel of rows and columns only"
-        times = 1.0 / step**2
-    elif shares.size < _FEWEST_BLOCKS:
+    coarser = coarser_than_image(pixels)
+    if coarser is not None or shares.size < _FEWEST_BLOCKS:
+        return coarser
+    middle, high = (float(share) for share in np.percentile(shares, [50, 95]))
+    lit = _DARK <= float(np.median(grey)) <= _BRIGHT
+    thin = high <= _THIN and lit
+    if high > _EVEN * middle or not (thin or middle >= 1.0 / _THIN):
         return None
-    else:
-        middle, high = (float(share) for share in np.percentile(shares, [50, 95]))
-        lit = _DARK <= float(np.median(grey)) <= _BRIGHT
-        thin = high <= _THIN and lit
-        if high > _EVEN * middle or not (thin or middle >= 1.0 / _THIN):
-            return None
-        times = middle
-        how = f"{1 / times:.1f} times fewer" if thin else f"{times:.1f} times more"
-        found = f"{how} points than pixels, everywhere alike"
+    how = f"{1 / middle:.1f} times fewer" if thin else f"{middle:.1f} times more"
+    return _of_another_density(
+        f"{how} points than pixels, everywhere alike", middle, is_error=False
+    )
+
+
+def coarser_than_image(pixels: NDArray[np.float64]) -> Contradiction | None:
+    """Check that points do not lie on every k-th pixel of rows and columns only.
+
+    Parameters
+    ----------
+    pixels : (n, 2) ndarray, px
+        Where points are, of rows and columns that share no divisor with k.
+    """
+    if len(pixels) < _FEWEST_POINTS:
+        return None
+    step = _step_of_grid(pixels)
+    if step == 1:
+        return None
+    found = f"it has points on every {_ordinal(step)} pixel of rows and columns only"
+    return _of_another_density(found, 1.0 / step**2, is_error=True)
+
+
+def _of_another_density(found: str, times: float, *, is_error: bool) -> Contradiction:
     return Contradiction(
         check=THINNER,
         compared="how many points a cloud has where the image has pixels",
@@ -312,7 +329,7 @@ def thinner_than_image(
             + f", so every p_norm would be {times:.3g} times what it is: export the cloud "
             "organised, at its own resolution, with its missing points"
         ),
-        is_error=step > 1,
+        is_error=is_error,
     )
 
 

@@ -49,6 +49,7 @@ def capture_contradictions(
         yield elsewhere
         if elsewhere is not None and elsewhere.is_error:
             return  # whatever else is wrong follows from it
+        yield _on_every_pixel(cloud.points)
         yield _where_features_are(cloud.points, sensor, views, rows)
     else:
         behind = clouds.behind_camera(cloud.points[:: max(1, len(cloud.points) // _SAMPLE)])
@@ -90,6 +91,18 @@ def _on_own_pixels(points: NDArray[np.float32], sensor: ActiveSensor) -> Contrad
             is_distorted=any(camera.distortion),
         ),
     )
+
+
+_STEP = 997
+"""Prime, so that every k-th row and column has its share of the pixels that are looked at."""
+
+
+def _on_every_pixel(points: NDArray[np.float32]) -> Contradiction | None:
+    rows, columns = points.shape[:2]
+    row, column = np.divmod(np.arange(0, rows * columns, _STEP), columns)
+    valid = np.isfinite(points[row, column, 0])
+    pixels = np.column_stack([column[valid], row[valid]]).astype(np.float64)
+    return clouds.coarser_than_image(pixels)
 
 
 def _where_features_are(
