@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from exposight.contradictions import Contradiction
@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 class ExposightError(Exception):
     """Base of everything exposight raises on purpose."""
+
+    def named(self, message: str) -> Self:
+        """Return the error with another message, which says where it came from."""
+        return type(self)(message)
 
 
 class InputError(ExposightError):
@@ -58,6 +62,10 @@ class ContradictionError(InputError):
     def __init__(self, message: str, contradictions: tuple[Contradiction, ...] = ()) -> None:
         super().__init__(message)
         self.contradictions = contradictions
+
+    def named(self, message: str) -> Self:
+        """Return the error with another message, which says where it came from."""
+        return type(self)(message, self.contradictions)
 
 
 class FileError(ExposightError):

@@ -130,9 +130,10 @@ def compare_command(
         )
         name = _SIMULATED if sweep is None else sweep.stem
         compared = Sweep.of(table, name=name, need=need, limits=bounds)
-        rehearsal = None
+        rehearsal, found = None, table.contradictions
         if rehearse is not None:
             views = _table_of(rehearse, progress)
+            found = tuple(dict.fromkeys((*found, *views.contradictions)))
             rehearsal = Sweep.of(views, name=rehearse.stem, need=need, limits=bounds)
         comparison = compare(
             compared,
@@ -163,6 +164,7 @@ def compare_command(
         ),
         tables=(comparison.table,),
         notes=(*learnt, *_notes(comparison, table, kept if reused else None)),
+        contradictions=found,
         files=files,
     )
 

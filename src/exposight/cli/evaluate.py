@@ -77,6 +77,7 @@ def evaluate_command(
         ),
         tables=scores.tables,
         notes=tuple(notes),
+        contradictions=table.contradictions,
         files=written,
     )
 

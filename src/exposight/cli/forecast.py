@@ -176,6 +176,7 @@ def forecast_command(
             Table(name="forecast", frame=forecast.frame, columns=(), shown_rows=0),
         ),
         notes=(*notes, *forecast.notes),
+        contradictions=() if observed is None else observed.contradictions,
         files=files,
     )
 

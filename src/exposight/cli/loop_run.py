@@ -156,6 +156,7 @@ def carry_out_loop(
             Table(name="decisions", frame=pl.DataFrame(result.decisions), columns=(), shown_rows=0),
         ),
         notes=tuple(filter(None, (remark,))),
+        contradictions=result.contradictions,
         files=tuple(files),
         next_step=f"report {quote(str(output))}",
     )
@@ -170,6 +171,7 @@ def carry_out_loop(
         facts=(*told.facts, fact("merged", merged.title)),
         tables=(*told.tables, *merged.tables[:-1]),
         notes=(*told.notes, *merged.notes),
+        contradictions=tuple(dict.fromkeys((*told.contradictions, *merged.contradictions))),
         files=(*told.files, *merged.files),
     )
 

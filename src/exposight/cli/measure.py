@@ -18,6 +18,7 @@ from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, c
 from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
+from exposight.contradictions import Contradiction
 from exposight.drivers import ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.plans import (
@@ -157,6 +158,7 @@ def carry_out(
     if options.observe:
         measuring.check_table_path(output)  # before anything that takes time
     files = [Written.at(output, "observations" if options.observe else "campaign")]
+    contradictions: tuple[Contradiction, ...] = ()
     run: dict[str, Any] = {"workers": workers, "cluster": options.cluster}
     with progress_bars(kept_in=kept_in) as progress:
         driver = make_driver()
@@ -164,9 +166,14 @@ def carry_out(
             table = measuring.measure_observations(
                 plan, driver, table_path=output, progress=progress, **run
             )
+            contradictions = table.contradictions
         else:
             clouds = not options.no_clouds
-            measuring.measure(plan, driver, output, clouds=clouds, progress=progress, **run)
+            found: list[Contradiction] = []
+            measuring.measure(
+                plan, driver, output, clouds=clouds, progress=progress, tell=found.append, **run
+            )
+            contradictions = tuple(dict.fromkeys(found))
     seconds = time.perf_counter() - start
     next_step = f"{'train' if options.observe else 'observe'} {quote(str(output))}"
     if options.no_clouds:
@@ -208,6 +215,7 @@ def carry_out(
             fact("bytes", size, f"{number(size / 1e6, 3)} MB" if size else ""),
         ),
         tables=(visibility_table(table),) if options.observe else (),
+        contradictions=contradictions,
         notes=(f"no view sees {', '.join(blind)}",) if blind else (),
         files=tuple(files),
         next_step=next_step,

@@ -117,6 +117,7 @@ def merge_command(
             Table(name="features", frame=gain.frame, columns=(), shown_rows=0),
         ),
         notes=(f"{counted(alone, 'view')} of a single capture kept as it is",) if alone else (),
+        contradictions=observer.contradictions,
         files=(Written(kind="campaign", path=output, replaced=False),),
     )
 

@@ -152,13 +152,25 @@ def _result(step: LoopStep, request: Request | None, before: int) -> Result:
     )
     table = outcomes_table(outcomes, step.plan)
     if document is None:
-        return Result(title=step.verdict, facts=facts, tables=(table,), notes=notes)
+        return Result(
+            title=step.verdict,
+            facts=facts,
+            tables=(table,),
+            notes=notes,
+            contradictions=step.contradictions,
+        )
     title = (
         f"capture {document['view']} at {number(document['exposure_ms'])} ms: set "
         f"{document['set_value']:.9g} {document['set_unit']}"
     )
     tables = (replace(table, shown_rows=0),)
-    return Result(title=title, facts=facts, tables=tables, notes=notes)
+    return Result(
+        title=title,
+        facts=facts,
+        tables=tables,
+        notes=notes,
+        contradictions=step.contradictions,
+    )
 
 
 def _in_words(request: Request) -> str:

@@ -100,6 +100,7 @@ def recommend_command(
     )
     limits = exposures.exposure_limits(sensor_models.sensor)
     seen = view.seen()
+    observed = None if trial is None else read_trial(trial, seen.name)
     recommendation = sensor_models.recommend(
         seen,
         limits,
@@ -107,7 +108,7 @@ def recommend_command(
         need=need,
         confidence=confidence,
         prefer=prefer,
-        trial=None if trial is None else read_trial(trial, seen.name),
+        trial=observed,
     )
     if csv is not None:
         write_durably(csv, recommendation.frame.write_csv().encode())
@@ -120,6 +121,7 @@ def recommend_command(
         facts=_facts(recommendation),
         tables=(_exposure_table(recommendation), recommendation.table),
         notes=(*recommendation.notes, *exposures.notes(limits, sensor_models.sensor)),
+        contradictions=() if observed is None else observed.contradictions,
         files=files,
     )
 

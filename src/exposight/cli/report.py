@@ -53,5 +53,6 @@ def report_command(
         ),
         tables=(scores.table,) if report.results else (),
         notes=scores.remarks,
+        contradictions=report.table.contradictions,
         files=(file,),
     )

@@ -14,6 +14,8 @@ from exposight.cli.app import UsageError
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
+from exposight.contradictions import Contradiction, settle
+from exposight.contradictions.observed_rows import exposure_unit
 from exposight.errors import InputError, did_you_mean
 from exposight.files import make_folder
 from exposight.models import (
@@ -127,6 +129,7 @@ def train_command(
     table = read_observations(observations)
     known = None if start_from is None else _window_model(start_from)
     parameterer, origin = _sensor(sensor, table, known)
+    found = settle((*table.contradictions, _exposure_unit(table, parameterer)))
     make_folder(output, "the models")
     of_table: dict[str, Any] = {
         "source": observations.name,
@@ -178,6 +181,7 @@ def train_command(
         facts=tuple(facts),
         tables=(*tables, *map(_hyperparameters, models)),
         notes=tuple(_notes(table, models)),
+        contradictions=found,
         files=tuple(files),
     )
 
@@ -208,6 +212,15 @@ def _sensor(
         text = f"none: {', '.join(map(repr, named))} is no preset; give its file by --sensor"
         return None, text
     return None, "none: the table does not name it; give it by --sensor"
+
+
+def _exposure_unit(table: ObservationTable, sensor: ActiveSensor | None) -> Contradiction | None:
+    """Hold the exposure times that were taken, not emulated, against those of the sensor."""
+    if sensor is None:
+        return None
+    taken = table.where(~table.frame["emulated"])
+    limits = sensor.exposure
+    return exposure_unit(taken.array(["exposure_ms"])[:, 0], (limits.min_ms, limits.max_ms))
 
 
 def _window_model(path: Path) -> WindowModel:

@@ -14,8 +14,16 @@ from pathlib import Path
 
 import polars as pl
 
-from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, Driver, Part
-from exposight.errors import ExposightError, InputError, SensorError
+from exposight.cell import (
+    ActiveSensor,
+    CampaignFolder,
+    CampaignWriter,
+    Capture,
+    Driver,
+    Part,
+)
+from exposight.contradictions import Contradiction
+from exposight.errors import ContradictionError, ExposightError, InputError, SensorError
 from exposight.files import write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.decisions import (
@@ -43,6 +51,9 @@ from exposight.workers import Progress, ignore_progress
 REPEATED_FOLDER = "repeated"
 """Campaign, inside the loop's, of captures whose exposure time read back had been taken before."""
 
+CONTRADICTED_FOLDER = "contradicted"
+"""Campaign, inside the loop's, of captures that contradict themselves."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopResult:
@@ -58,12 +69,15 @@ class LoopResult:
         One for each capture.
     outcomes : tuple of Outcome
         What became of each feature.
+    contradictions : tuple of Contradiction
+        What did not agree in the captures taken now, where the outcomes may still be right.
     """
 
     campaign: CampaignFolder
     plan: ExposurePlan
     decisions: tuple[Decision, ...]
     outcomes: tuple[Outcome, ...]
+    contradictions: tuple[Contradiction, ...] = ()
 
     @property
     def succeeded(self) -> tuple[str, ...]:
@@ -283,7 +297,11 @@ class _LoopRun:
             outcomes = tuple(self.loop.outcomes)
             write_outcomes(folder, outcomes, len(decisions), self.plan)
         return LoopResult(
-            campaign=campaign, plan=self.plan, decisions=tuple(decisions), outcomes=outcomes
+            campaign=campaign,
+            plan=self.plan,
+            decisions=tuple(decisions),
+            outcomes=outcomes,
+            contradictions=observer.contradictions,
         )
 
     def _note(self, decisions: list[Decision], decision: Decision) -> None:
@@ -291,6 +309,15 @@ class _LoopRun:
         self.tell(decision)
         total = len(self.loop.outcomes)
         self.progress("measuring", total - decision.left, total)
+
+    def _keep_aside(self, aside: Path, capture: Capture) -> Path:
+        """Keep a capture that the loop cannot use in a campaign of its own."""
+        with CampaignWriter.open_or_create(
+            aside, name=self.part.name, sensor=self.driver.sensor, part=self.part
+        ) as writer:
+            if not writer.has(capture.view, capture.exposure_ms):
+                writer.add(capture)
+        return aside
 
     def _capture(
         self, folder: Path, writer: CampaignWriter, observer: Observer, request: Request
@@ -302,12 +329,7 @@ class _LoopRun:
         try:
             capture = take_capture(self.driver, self.driver.sensor, asked_ms, pose, view=view)
             if writer.has(view, capture.exposure_ms):
-                aside = folder / REPEATED_FOLDER
-                with CampaignWriter.open_or_create(
-                    aside, name=self.part.name, sensor=self.driver.sensor, part=self.part
-                ) as repeated:
-                    if not repeated.has(view, capture.exposure_ms):
-                        repeated.add(capture)
+                aside = self._keep_aside(folder / REPEATED_FOLDER, capture)
                 msg = (
                     f"the sensor was set to {asked_ms:g} ms and took {capture.exposure_ms:g} ms, "
                     "which it had taken before; a campaign holds one capture of a view and "
@@ -318,7 +340,12 @@ class _LoopRun:
         except ExposightError as error:
             msg = f"view {view!r} at {asked_ms:g} ms: {error}"
             raise type(error)(msg) from error
-        table = ObservationTable.from_observations(observer.observe(capture))
+        try:
+            table = ObservationTable.from_observations(observer.observe(capture))
+        except ContradictionError as error:
+            aside = self._keep_aside(folder / CONTRADICTED_FOLDER, capture)
+            msg = f"{error}; the capture is kept in {aside}, and the loop goes on when run again"
+            raise error.named(msg) from error
         data = table.frame.write_csv().encode()
         # Fed as it is kept, so that a loop that goes on is fed the same.
         rows = parse_observations(data, f"view {view!r} at {capture.exposure_ms:g} ms")

@@ -16,6 +16,7 @@ from pathlib import Path
 from exposight.cell import ActiveSensor, CampaignFolder, Part
 from exposight.cell.capture import read_capture
 from exposight.cell.feature_files import features_from_csv, features_to_csv
+from exposight.contradictions import Contradiction
 from exposight.errors import FileError, InputError, SensorError, did_you_mean
 from exposight.files import (
     Checksum,
@@ -203,6 +204,7 @@ class LoopStep:
         self.loop: Loop = planned_loop(self.plan, models, self.part, self.sensor)
         self.decisions: list[Decision] = []
         self.known: list[str] = []
+        self.contradictions: tuple[Contradiction, ...] = ()
         self._before = state
         for capture in state.captures:
             self._feed(capture)
@@ -252,7 +254,9 @@ class LoopStep:
         elif path.is_dir():
             folders = [path]
         else:
-            return self._feed_table(read_observations(path))
+            table = read_observations(path)
+            self._note(table.contradictions)
+            return self._feed_table(table)
         return [decision for each in folders if (decision := self._feed_folder(each))]
 
     def _feed_folder(self, folder: Path) -> Decision | None:
@@ -264,7 +268,9 @@ class LoopStep:
         capture = read_capture(folder)
         self._check_view(capture.view)
         capture.check_fits(self.sensor)
-        rows = Observer(self.part, self.sensor).observe(capture)
+        observer = Observer(self.part, self.sensor)
+        rows = observer.observe(capture)
+        self._note(observer.contradictions)
         pose = capture.camera_from_part
         remark = pose_remark(self.part, self.loop.next(), capture.view, pose)
         return self._add(ObservationTable.from_observations(rows), remark=remark, sha256=sha256)
@@ -288,6 +294,9 @@ class LoopStep:
                 raise InputError(msg)
         added = [self._add(ObservationTable(frame=frame, checked=True)) for frame in captures]
         return [decision for decision in added if decision is not None]
+
+    def _note(self, found: tuple[Contradiction, ...]) -> None:
+        self.contradictions = tuple(dict.fromkeys((*self.contradictions, *found)))
 
     def save(self) -> None:
         """Write the state to its file, durably, unless it holds just this."""

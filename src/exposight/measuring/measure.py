@@ -6,6 +6,7 @@ then gives the same bytes for any number of workers, here or on a cluster, and a
 """
 
 import json
+import logging
 import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -16,6 +17,7 @@ from typing import overload
 import polars as pl
 
 from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, CaptureKey, Driver, Part
+from exposight.contradictions import Contradiction
 from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
 from exposight.files import KeptFiles, alike, hold_writer_lock, sweep_unfinished, write_durably
 from exposight.measuring import view_work
@@ -26,8 +28,14 @@ from exposight.planning import ExposurePlan, SensorModels
 from exposight.plans import MeasuringPlan, plan_to_toml
 from exposight.workers import LocalProcesses, Progress, Workers, choose_workers, ignore_progress
 
+logger = logging.getLogger(__name__)
+
 _VIEWS = "[0-9]*.csv"
 """Kept views in the folder beside a table."""
+
+
+def _log(found: Contradiction) -> None:
+    logger.warning("contradiction: %s", found)
 
 
 @overload
@@ -41,6 +49,7 @@ def measure(
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
+    tell: Callable[[Contradiction], None] = ...,
 ) -> CampaignFolder: ...
 @overload
 def measure(
@@ -63,6 +72,7 @@ def measure(
     workers: int = 1,
     cluster: str | None = None,
     progress: Progress = ignore_progress,
+    tell: Callable[[Contradiction], None] = _log,
     **closed_loop: SensorModels | None,
 ) -> CampaignFolder | LoopResult:
     """Carry out a plan and write its campaign; continue where an earlier run stopped.
@@ -95,6 +105,9 @@ def measure(
         them must reach the folder at the same path.
     progress : Progress
         Called with the captures that are there and those in all, first before any is taken.
+    tell : callable
+        Called with what does not agree in captures that are observed because their clouds are not
+        kept; logged by default.
     **closed_loop
         ``models`` of an exposure plan: `SensorModels`, or None to take it as it is.
 
@@ -160,7 +173,9 @@ def measure(
         work = partial(view_work.write_view, folder, record_sha256)
         # Closed before the writer is, whatever happens: no process here may outlive the lock.
         with closing(job.workers.run(work, tasks)) as results:
-            for task, _ in results:
+            for task, found in results:
+                for each in found:
+                    tell(each)
                 done += len(task.captures)
                 progress("measuring", done, len(numbers))
         writer.sweep()  # a cluster's worker may have died over a capture that another took
@@ -330,12 +345,16 @@ class _Job:
         done = total - sum(len(task.captures) for task in tasks)
         self._progress("measuring", done, total)
         with closing(self.workers.run(view_work.observe_view, tasks)) as results:
-            for task, rows in results:
-                tables[task.view.name] = ObservationTable.from_observations(rows)
+            for task, table in results:
+                tables[task.view.name] = table
                 keep(task.view.name, tables[task.view.name])
                 done += len(task.captures)
                 self._progress("measuring", done, total)
-        return ObservationTable(frame=pl.concat(tables[view.name].frame for view in self.views))
+        ordered = [tables[view.name] for view in self.views]
+        found = dict.fromkeys(each for table in ordered for each in table.contradictions)
+        return ObservationTable(
+            frame=pl.concat(table.frame for table in ordered), contradictions=tuple(found)
+        )
 
 
 def _workers(driver: Driver, count: int, cluster: str | None) -> Workers:

@@ -17,11 +17,12 @@ from exposight.cell import (
     Part,
     write_numbered_capture,
 )
+from exposight.contradictions import Contradiction
 from exposight.errors import ExposightError, InputError, SensorError
 from exposight.files import write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.record import check_record, describe, differing
-from exposight.observing import Observation, ObservationTable, Observer
+from exposight.observing import ObservationTable, Observer
 from exposight.plans import MeasuringPlan, PlannedView
 
 OBSERVATIONS_FILE = "observations.csv"
@@ -59,7 +60,7 @@ class ViewTask:
     clouds: bool = True
 
 
-def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
+def write_view(folder: Path, record_sha256: str, task: ViewTask) -> tuple[Contradiction, ...]:
     """Take a view's captures and write each as soon as it is taken.
 
     Parameters
@@ -70,6 +71,11 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
         Checksum of the measurement's record in it.
     task : ViewTask
         What to take.
+
+    Returns
+    -------
+    tuple of Contradiction
+        What did not agree in captures that were observed because their clouds are not kept.
 
     Raises
     ------
@@ -93,9 +99,10 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> None:
                 )
             check_record(folder, record_sha256)  # by now the folder may be another measurement's
             write_numbered_capture(folder, number, capture)
+    return observer.contradictions
 
 
-def observe_view(task: ViewTask) -> list[Observation]:
+def observe_view(task: ViewTask) -> ObservationTable:
     """Take a view's captures and observe each, keeping none.
 
     Raises
@@ -110,7 +117,8 @@ def observe_view(task: ViewTask) -> list[Observation]:
     for _, exposure_ms in task.captures:
         with _naming(task, exposure_ms):
             rows += observer.observe(_capture(task, exposure_ms))
-    return rows
+    table = ObservationTable.from_observations(rows)
+    return replace(table, contradictions=observer.contradictions)
 
 
 def write_table(campaign: CampaignFolder) -> None:
@@ -140,7 +148,7 @@ def _naming(task: ViewTask, exposure_ms: float | None = None) -> Iterator[None]:
         yield
     except ExposightError as error:
         msg = f"{place}: {error}"
-        raise type(error)(msg) from error
+        raise error.named(msg) from error
 
 
 def take_capture(

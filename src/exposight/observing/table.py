@@ -7,6 +7,7 @@ listed are kept, and models may read them.
 
 from __future__ import annotations
 
+import dataclasses
 import html
 import io
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight import errors
-from exposight.contradictions import Contradiction
+from exposight.contradictions import Contradiction, settle
+from exposight.contradictions.observed_rows import row_contradictions
 from exposight.files import write_durably
 from exposight.observing import schema
 from exposight.observing.masks import Visibility
@@ -288,11 +290,17 @@ def read_observations(path: str | Path) -> ObservationTable:
         If it cannot be parsed, has another header or unit, or a column has the wrong type.
     ObservationError
         If a value is out of its range.
+    ContradictionError
+        If rings have more points than pixels; what may be right is in ``contradictions``.
     """
     path = Path(path)
     _check_file(path, "observation table")
     try:
-        return ObservationTable.from_frame(_read_frame(path))
+        table = ObservationTable.from_frame(_read_frame(path))
+        return dataclasses.replace(table, contradictions=settle(_row_contradictions(table.frame)))
+    except errors.ContradictionError as error:
+        msg = f"{path}: {error}"
+        raise error.named(msg) from error
     except (errors.FormatError, errors.ObservationError) as error:
         text = str(error)
         raise type(error)(text if text.startswith(str(path)) else f"{path}: {text}") from error
@@ -357,6 +365,14 @@ def read_inputs(
         pl.lit(None, schema.SCHEMA[name]).alias(name) for name in wanted if name not in present
     )
     return known.with_columns(further).with_columns(missing).select(*wanted)
+
+
+def _row_contradictions(frame: pl.DataFrame) -> tuple[Contradiction, ...]:
+    p_norm, n_pixels, exposure_ms = (
+        frame[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        for name in ("p_norm", "n_pixels", "exposure_ms")
+    )
+    return row_contradictions(p_norm, n_pixels, exposure_ms, frame["feature"].to_list())
 
 
 def _check_file(path: Path, what: str) -> None:
