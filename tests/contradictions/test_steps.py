@@ -107,6 +107,23 @@ def test_steps_that_run_the_other_way_are_an_error_with_the_shifts_that_fit():
     assert "[0.0, -90.0, -180.0, 90.0]" in found.explanation
 
 
+def test_the_hint_for_steps_that_are_said_to_be_reversed_is_to_say_that_no_more():
+    steps = _steps(4)
+    said = steps._replace(shifts_deg=[-s for s in steps.shifts_deg], is_reversed=True)
+    found = check_phase(_coordinate().ravel(), -_phase(steps).ravel(), said, "code")
+    assert found.is_error
+    assert "reversed = false" in found.explanation
+    # Written beside reversed = true they are -(0, 90, 180, 270) as well.
+    assert "[0.0, -90.0, -180.0, 90.0]" in found.explanation
+
+
+def test_shifts_for_an_offset_are_written_as_reversed_as_they_are():
+    steps = _steps(4, offset=0.25)
+    said = steps._replace(is_reversed=True)  # of shifts_deg = written
+    found = check_phase(_coordinate().ravel(), _phase(steps).ravel(), said, "code")
+    assert "[90.0, 0.0, -90.0, " in found.explanation
+
+
 def test_a_constant_offset_is_named_in_pixels_and_in_shifts():
     steps = _steps(4, offset=0.25)
     found = check_phase(_coordinate().ravel(), _phase(steps).ravel(), steps, "code")

@@ -71,7 +71,8 @@ class _Recording:
 @pytest.mark.parametrize("binary", [False, True], ids=["Gray", "binary"])
 @pytest.mark.parametrize("inverses", ["", "first", "after"])
 @pytest.mark.parametrize("order", ["coarse first", "fine first", "shuffled"])
-def test_bits_in_any_order_are_found(inverses, order, binary):
+@pytest.mark.parametrize("axis", [0, 1], ids=["columns", "rows"])
+def test_bits_in_any_order_are_found(inverses, order, binary, axis):
     if binary and inverses == "first":
         pytest.skip("plain binary and its inverse mirror each other: frames cannot tell them apart")
     recording = _Recording()
@@ -83,11 +84,12 @@ def test_bits_in_any_order_are_found(inverses, order, binary):
     if not inverses:
         white, black = recording.flat(1), recording.flat(0)
     frames, inverse_frames = recording.bits(
-        0, 7, 4, order=orders[order], inverses=inverses, binary=binary
+        axis, 7, 4 - axis, order=orders[order], inverses=inverses, binary=binary
     )
     sequence = recording.guess().sequence
-    code = sequence.columns.gray_code
-    assert (code.frames, code.inverse_frames, code.code_width) == (frames, inverse_frames, 4)
+    code = (sequence.columns, sequence.rows)[axis].gray_code
+    assert (code.frames, code.inverse_frames) == (frames, inverse_frames)
+    assert code.code_width == 4 - axis
     assert code.code == ("binary" if binary else "gray")
     if not inverses:
         assert (sequence.white_frame, sequence.black_frame) == (white, black)
@@ -103,6 +105,48 @@ def test_fringes_without_a_code_are_found(n, fine_first):
     assert (coarse.periods, coarse.frames) == (1, frames[1])
     assert (fine.periods, fine.frames) == (12, frames[12])
     assert fine.shifts_deg == tuple(360.0 * k / n for k in range(n))
+
+
+@pytest.mark.parametrize("periods", [(64, 63, 56), (56, 64, 63), (70, 64, 59)])
+@pytest.mark.parametrize("axis", [0, 1], ids=["columns", "rows"])
+def test_fringes_of_which_none_has_one_period_tell_each_other_apart(periods, axis):
+    recording = _Recording()
+    frames = {each: recording.fringe(axis, each, 4) for each in periods}
+    sequence = recording.guess().sequence
+    coding = (sequence.columns, sequence.rows)[axis]
+    assert (sequence.columns, sequence.rows)[1 - axis] is None
+    assert [fringe.periods for fringe in coding.fringes] == sorted(periods)
+    for fringe in coding.fringes:
+        assert fringe.frames == frames[fringe.periods]
+        assert fringe.shifts_deg == (0, 90, 180, 270)
+
+
+def test_fringes_that_all_repeat_together_are_refused():
+    recording = _Recording()
+    for each in (64, 56, 48):
+        recording.fringe(0, each, 4)
+    with pytest.raises(ImageError, match=r"no beat .* say in a sequence's file how many periods"):
+        recording.guess()
+
+
+def test_a_coarsest_fringe_is_not_said_to_be_sure():
+    recording = _Recording()
+    for each in (1, 12):
+        recording.fringe(0, each, 4)
+    coarse, fine = (each for each in recording.guess().findings if "fringe" in each.what)
+    assert coarse.sure is None
+    assert "assumption" in coarse.why
+    assert fine.sure > 0.95
+
+
+def test_whole_numbers_are_found_where_even_the_coarsest_beat_in_view_is_not_one_period():
+    recording = _Recording(noise=0.5)
+    for each in (12, 7):  # the beat of 5 periods: all that a sixth of the projector shows
+        recording.fringe(0, each, 4)
+    stack = FrameStack(frames=np.stack(recording.frames)[:, :, 220:280])
+    coarse, fine = guess_sequence(stack, projector_size=_SIZE).sequence.columns.fringes
+    assert (coarse.periods, fine.periods) == (7, 12)
+    assert coarse.shifts_deg == fine.shifts_deg == (0, 90, 180, 270)
 
 
 @pytest.mark.parametrize("n", [3, 4, 5])

@@ -42,6 +42,8 @@ class Steps(NamedTuple):
         Length of the projector along this axis.
     name : str
         What messages call the fringe.
+    is_reversed : bool
+        True where the sequence says so of it: `shifts_deg` are then minus the ones written there.
     """
 
     samples: _Array
@@ -51,6 +53,7 @@ class Steps(NamedTuple):
     periods: float
     size: int
     name: str
+    is_reversed: bool = False
 
 
 class _Fit(NamedTuple):
@@ -417,9 +420,10 @@ def check_phase(
         turned = abs(other.periods + steps.periods) < max(1.0, 0.05 * steps.periods)
         if turned:
             again = relation(coordinate, phase, -steps.periods, steps.size)
-            explanation = (
-                "the steps run the other way: reversed = true (or false), or shifts_deg "
-                f"= {_shifts(steps, -1, again.offset)}"
+            other_way = str(not steps.is_reversed).lower()
+            shifts = f"shifts_deg = {_shifts(steps, -1, again.offset)}"
+            explanation = "the steps run the other way: " + (
+                f"reversed = {other_way}, or {shifts}" if abs(again.offset) < 0.1 else shifts
             )
         else:
             way = " that run the other way" if other.periods < 0 else ""
@@ -439,9 +443,13 @@ def check_phase(
 
 
 def _shifts(steps: Steps, sign: int, offset: float) -> list[float]:
-    """Return shifts with which the phase, whose sign is turned for −1, has no such offset."""
+    """Return shifts with which the phase, whose sign is turned for −1, has no such offset.
+
+    They are those to write where the fringe stays as reversed as it is.
+    """
     offset_deg = 0.0 if abs(offset) < 0.1 else 360.0 * offset
-    turned = [sign * (shift - offset_deg) for shift in steps.shifts_deg]
+    written = -sign if steps.is_reversed else sign
+    turned = [written * (shift - offset_deg) for shift in steps.shifts_deg]
     return [round((each + 180.0) % 360.0 - 180.0) + 0.0 for each in turned]
 
 

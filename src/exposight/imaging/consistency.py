@@ -274,4 +274,5 @@ def _steps(lines: Light, fringe: Fringe, usable: NDArray[np.bool_], size: int, a
         periods=fringe.periods,
         size=size,
         name=f"the fringe of {fringe.periods:g} periods across the {axis}",
+        is_reversed=fringe.reversed,
     )

@@ -1,14 +1,13 @@
 """A pattern sequence from the frames alone: what they show, and how sure that is.
 
 `exposight.imaging.frame_roles` tells white, black, steps and bits apart. Here the bits are ordered
-and read in the way in which neighbours follow each other, and fringes get their number of periods
-and their direction from the code, or from a fringe (or beat of two) that does not repeat in view.
+and read in the way in which neighbours follow each other; fringes get their periods and direction
+in `exposight.imaging.guessed_fringes`.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -21,12 +20,19 @@ from exposight.contradictions.codes import (
     read_codes,
     share_near,
 )
-from exposight.contradictions.steps import Relation, best_relation, relation
 from exposight.errors import ImageError
-from exposight.imaging.codings import Fringe, GrayCode
+from exposight.imaging.codings import GrayCode
 from exposight.imaging.consistency import line_pairs
 from exposight.imaging.frame_roles import FrameRoles, frame_roles
 from exposight.imaging.frames import FrameStack
+from exposight.imaging.guessed_fringes import (
+    PlacedFringe,
+    View,
+    periods_in_view,
+    phase_of,
+    place_alone,
+    place_by_code,
+)
 from exposight.imaging.sequences import AxisCoding, PatternSequence
 
 _Array = NDArray[np.float64]
@@ -64,13 +70,6 @@ class Guess:
 
     sequence: PatternSequence
     findings: tuple[Finding, ...]
-
-
-class _View(NamedTuple):
-    """Samples of lit pixels along lines of one direction: (n, lines, length), and where lit."""
-
-    samples: _Array
-    lit: NDArray[np.bool_]
 
 
 class _Axis(NamedTuple):
@@ -149,12 +148,12 @@ def guess_sequence(
     return Guess(sequence=sequence, findings=tuple(findings))
 
 
-def _view(stack: FrameStack, *, vertical: bool) -> _View:
+def _view(stack: FrameStack, *, vertical: bool) -> View:
     light = line_pairs(stack, vertical=vertical, most=131_072)
     samples = light.frames.astype(np.float64)
     contrast = samples.max(axis=0) - samples.min(axis=0)
     least = max(10 / light.scale, 0.3 * float(np.percentile(contrast, 98)))
-    return _View(samples, contrast > least)
+    return View(samples, contrast > least)
 
 
 def _unused(roles: FrameRoles, n_frames: int, codings: dict[str, AxisCoding]) -> tuple[int, ...]:
@@ -182,11 +181,11 @@ def _role_findings(roles: FrameRoles) -> Iterator[Finding]:
 # --- which axis ---------------------------------------------------------------------------------
 
 
-def _axes(roles: FrameRoles, views: Sequence[_View]) -> tuple[_Axis, _Axis]:
+def _axes(roles: FrameRoles, views: Sequence[View]) -> tuple[_Axis, _Axis]:
     """Share bits and fringes between columns (along the image's rows) and rows."""
     axes = _Axis([], [], []), _Axis([], [], [])
     for fringe in roles.fringes:
-        across, down = (_phase_change(view, fringe) for view in views)
+        across, down = (_change(view, fringe) for view in views)
         axes[0 if across >= down else 1].fringes.append(fringe)
     inverses = roles.inverses or (None,) * len(roles.bits)
     changes = np.array([[_flips(view, roles, i) for view in views] for i in range(len(roles.bits))])
@@ -202,20 +201,12 @@ def _axes(roles: FrameRoles, views: Sequence[_View]) -> tuple[_Axis, _Axis]:
     return axes
 
 
-def _phase(view: _View, fringe: Sequence[int]) -> _Array:
-    """Return the phase of equal steps, in periods from 0 to 1."""
-    turn = np.exp(2j * np.pi * np.arange(len(fringe)) / len(fringe))
-    wave = np.tensordot(turn, view.samples[list(fringe)], axes=1)
-    return np.asarray(np.angle(wave) / (2 * np.pi) % 1.0, dtype=np.float64)
+def _change(view: View, fringe: Sequence[int]) -> float:
+    """Return the periods of a fringe over the view."""
+    return abs(periods_in_view(view, phase_of(view, fringe)))
 
 
-def _phase_change(view: _View, fringe: Sequence[int]) -> float:
-    wave = np.exp(2j * np.pi * _phase(view, fringe))
-    both = view.lit[:, 1:] & view.lit[:, :-1]
-    return float(np.median(np.abs(wave[:, 1:] - wave[:, :-1])[both])) if both.any() else 0.0
-
-
-def _signal(view: _View, roles: FrameRoles, i: int) -> _Array:
+def _signal(view: View, roles: FrameRoles, i: int) -> _Array:
     """Return lit minus unlit of the i-th bit."""
     lit = view.samples[roles.bits[i]]
     if roles.inverses:
@@ -223,7 +214,7 @@ def _signal(view: _View, roles: FrameRoles, i: int) -> _Array:
     return np.asarray(lit - _threshold(view, roles))
 
 
-def _threshold(view: _View, roles: FrameRoles) -> _Array:
+def _threshold(view: View, roles: FrameRoles) -> _Array:
     """Return the middle of white and black, of the fringes' steps, or of what is seen."""
     if roles.white is not None and roles.black is not None:
         return np.asarray(0.5 * (view.samples[roles.white] + view.samples[roles.black]))
@@ -233,7 +224,7 @@ def _threshold(view: _View, roles: FrameRoles) -> _Array:
     return np.asarray(0.5 * (view.samples.max(axis=0) + view.samples.min(axis=0)))
 
 
-def _flips(view: _View, roles: FrameRoles, i: int) -> float:
+def _flips(view: View, roles: FrameRoles, i: int) -> float:
     """Return how often the i-th bit changes between neighbours that are lit and decided."""
     signal = _signal(view, roles, i)
     contrast = view.samples.max(axis=0) - view.samples.min(axis=0)
@@ -246,7 +237,7 @@ def _flips(view: _View, roles: FrameRoles, i: int) -> float:
 # --- bits ---------------------------------------------------------------------------------------
 
 
-def _words(view: _View, roles: FrameRoles, bits: Sequence[int]) -> NDArray[np.int64]:
+def _words(view: View, roles: FrameRoles, bits: Sequence[int]) -> NDArray[np.int64]:
     """Return the bits (by frame) of every pixel as a word, −1 where two are undecided."""
     contrast = view.samples.max(axis=0) - view.samples.min(axis=0)
     word = np.zeros(contrast.shape, dtype=np.int64)
@@ -259,7 +250,7 @@ def _words(view: _View, roles: FrameRoles, bits: Sequence[int]) -> NDArray[np.in
 
 
 def _read(
-    view: _View, roles: FrameRoles, content: _Axis
+    view: View, roles: FrameRoles, content: _Axis
 ) -> tuple[Reading, float, str, NDArray[np.int64]]:
     """Return the reading in which neighbours follow each other best, how sure, why, the codes."""
     words = _words(view, roles, content.bits)
@@ -306,7 +297,7 @@ def _gray_code(content: _Axis, reading: Reading, size: int) -> GrayCode:
 
 
 def _coding(
-    view: _View, roles: FrameRoles, content: _Axis, axis: str, size: int
+    view: View, roles: FrameRoles, content: _Axis, axis: str, size: int
 ) -> tuple[AxisCoding, list[Finding]]:
     findings: list[Finding] = []
     gray_code: GrayCode | None = None
@@ -332,9 +323,12 @@ def _coding(
                 why="the least width that covers the projector; frames do not tell",
             )
         )
-    fringes = sorted(content.fringes, key=lambda fringe: _phase_change(view, fringe))
-    width = None if gray_code is None else gray_code.code_width
-    placed = _place(view, fringes, coordinate, size, width)
+    fringes = sorted(content.fringes, key=lambda fringe: _change(view, fringe))
+    placed: list[PlacedFringe] = []
+    if gray_code is not None and coordinate is not None:
+        placed = place_by_code(view, fringes, coordinate, size, gray_code.code_width)
+    elif fringes:
+        placed = place_alone(view, fringes)
     for fringe, found in zip(fringes, placed, strict=True):
         findings.append(
             Finding(
@@ -363,125 +357,6 @@ def _within_codes(codes: NDArray[np.int64], width: int) -> _Array:
                 rising = share if after > before else 1.0 - share
                 row[b:c] = (here + rising) * width - 0.5
     return coordinate
-
-
-# --- fringes ------------------------------------------------------------------------------------
-
-
-class _Placed(NamedTuple):
-    fringe: Fringe
-    sure: float | None
-    why: str
-
-
-def _place(
-    view: _View,
-    fringes: Sequence[tuple[int, ...]],
-    coordinate: _Array | None,
-    size: int,
-    code_width: int | None,
-) -> list[_Placed]:
-    """Give fringes their periods and direction."""
-    if not fringes:
-        return []
-    phases = [_phase(view, fringe) for fringe in fringes]
-    why = "coherence with the code"
-    if coordinate is None:
-        coordinate, why = _absolute(view, phases, size)
-    placed = []
-    for fringe, phase in zip(fringes, phases, strict=True):
-        usable = view.lit & np.isfinite(coordinate)
-        at, here = coordinate[usable], phase[usable]
-        exact = _periods(at, here, size, code_width)
-        sign = math.copysign(1.0, exact.periods)
-        offset_deg = 360.0 * _snapped(exact.offset, len(fringe))
-        equal = [360.0 * k / len(fringe) for k in range(len(fringe))]
-        shifts = tuple(_turned(sign * (shift - offset_deg)) for shift in equal)
-        is_default = sign > 0 and not offset_deg
-        placed.append(
-            _Placed(
-                Fringe(
-                    periods=abs(exact.periods),
-                    frames=fringe,
-                    shifts_deg=() if is_default else shifts,
-                ),
-                exact.coherence,
-                why + ("; it runs backwards" if sign < 0 else ""),
-            )
-        )
-        if exact.coherence > 0.5 and exact.periods != 0:  # a finer coordinate for the next one
-            order = np.rint(coordinate * (exact.periods / size) + exact.offset - phase)
-            finer = (phase + order - exact.offset) * (size / exact.periods)
-            coordinate = np.where(usable, finer, np.nan)
-    return placed
-
-
-def _turned(degrees: float) -> float:
-    """Return an angle in whole degrees, from −180 to 179."""
-    return float(round((degrees + 180.0) % 360.0 - 180.0)) + 0.0
-
-
-def _snapped(offset: float, n: int) -> float:
-    """Return an offset in periods: none, or whole steps (another frame comes first), if near."""
-    whole = round(offset * n) / n
-    return whole if abs(offset - whole) < 0.08 else offset
-
-
-def _periods(at: _Array, phase: _Array, size: int, code_width: int | None) -> Relation:
-    """Return a fringe's periods: a whole number, or simple in periods a code, where one fits."""
-    found = best_relation(at, phase, size / 8, size)
-    # A view of a part of the projector tells periods only so well.
-    seen = float(np.ptp(np.percentile(at, [1, 99]))) / size
-    blur = max(0.15, 0.15 / max(seen, 0.05))
-    sign = math.copysign(1.0, found.periods)
-    near = [
-        each
-        for each in range(math.ceil(abs(found.periods) - blur), int(abs(found.periods) + blur) + 1)
-        if each >= 1
-    ]
-    simple = [float(each) for each in near]
-    if code_width is not None:
-        per_code = round(2 * abs(found.periods) * code_width / size) / 2
-        in_px = per_code * size / code_width
-        if per_code and abs(in_px - abs(found.periods)) < blur:
-            simple.append(in_px)
-    tried = [relation(at, phase, sign * each, size) for each in simple]
-    # Nearly all fringes begin with a step at column 0: without an offset, a number fits better.
-    good = [each for each in tried if each.coherence > 0.85 * found.coherence]
-    if not good:
-        return relation(at, phase, round(found.periods, 2), size)
-    return max(good, key=lambda each: each.coherence * math.cos(2 * math.pi * each.offset))
-
-
-def _absolute(view: _View, phases: Sequence[_Array], size: int) -> tuple[_Array, str]:
-    """Return the coordinate of a fringe, or a beat of two, that does not repeat in view."""
-    both = view.lit[:, 1:] & view.lit[:, :-1]
-
-    def repeats(phase: _Array) -> float:
-        return float(np.mean((np.abs(phase[:, 1:] - phase[:, :-1]) > 0.5)[both]))
-
-    single = [(repeats(phase), phase, "a fringe that does not repeat in view") for phase in phases]
-    beats = [
-        (repeats((a - b) % 1.0), (a - b) % 1.0, "the beat of two fringes, taken as one period")
-        for a, b in combinations(phases, 2)
-    ]
-    best = min([*single, *beats], key=lambda each: (each[0] > 0.002, each[0]))
-    if best[0] > 0.002:
-        msg = (
-            "no fringe, and no beat of two, has one period in view, and no code tells periods "
-            "apart: say in a sequence's file how many periods each fringe has"
-        )
-        raise ImageError(msg)
-    phase = best[1]
-    rise = np.diff(np.where(view.lit, phase, np.nan), axis=1)
-    rise = rise[np.abs(rise) < 0.5]
-    # Camera and projector look alike from left to right, unless one is turned round.
-    if np.median(rise[rise != 0]) < 0:
-        phase = (1.0 - phase) % 1.0
-    return (
-        phase * size,
-        f"coherence with {best[2]}, which is taken to rise to the camera's right",
-    )
 
 
 def _unknowns(projector_size: tuple[int, int] | None, width: int, height: int) -> Iterator[Finding]:
