@@ -8,6 +8,7 @@ standard deviations, too.
 
 from __future__ import annotations
 
+import copy
 import io
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.ply import ply_from_points, points_from_ply
+from exposight.compiled import njit
 from exposight.errors import CloudError, DamagedFileError, FormatError
 from exposight.files import check_columns, is_number, read_bytes, write_durably
 
@@ -123,6 +125,23 @@ class Cloud:
             sigma_z_mm=None if sigma is None else sigma.reshape(rows, columns),
         )
 
+    def with_sigma(self, sigma_z_mm: ArrayLike) -> Cloud:
+        """Return the same points, unchecked anew, with the standard deviations of their depth.
+
+        Parameters
+        ----------
+        sigma_z_mm : (rows, columns) or (n,) array, mm
+            One for each point; of missing points they do not count.
+
+        Raises
+        ------
+        CloudError
+            If they are not of the points' shape, or below 0.
+        """
+        known = copy.copy(self)
+        object.__setattr__(known, "sigma_z_mm", _checked_sigma(sigma_z_mm, self.valid))
+        return known
+
     def scaled(self, factor: float) -> Cloud:
         """Return the cloud with all lengths times a factor, as from m to mm."""
         sigma = self.sigma_z_mm
@@ -144,12 +163,17 @@ def _checked(points: ArrayLike) -> NDArray[np.float32]:
         msg = f"a cloud needs real numbers in mm, got an array of {array.dtype}"
         raise CloudError(msg)
     with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
-        copy = np.array(array, dtype=np.float32, order="C", copy=True)
-    x, y, z = copy[..., 0], copy[..., 1], copy[..., 2]
-    with np.errstate(over="ignore", invalid="ignore"):
-        missing = ~np.isfinite(x + y + z) | ((x == 0) & (y == 0) & (z == 0))
-    copy[missing] = np.nan
-    return copy
+        checked = np.array(array, dtype=np.float32, order="C", copy=True)
+    _mark_missing(checked.reshape(-1, 3))
+    return checked
+
+
+@njit()
+def _mark_missing(points: NDArray[np.float32]) -> None:
+    for point in points:
+        x, y, z = point
+        if not np.isfinite(x + y + z) or (x == 0.0 and y == 0.0 and z == 0.0):
+            point[:] = np.nan
 
 
 def _checked_sigma(sigma_mm: ArrayLike, valid: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -161,12 +185,12 @@ def _checked_sigma(sigma_mm: ArrayLike, valid: NDArray[np.bool_]) -> NDArray[np.
             f"{array.dtype} of shape {array.shape}"
         )
         raise CloudError(msg)
-    copy = np.where(valid, array, np.nan).astype(np.float32)
-    if (copy < 0.0).any():
-        msg = f"sigma_z_mm needs standard deviations of 0 or more, got {np.nanmin(copy):g} mm"
+    checked = np.where(valid, array, np.nan).astype(np.float32, copy=False)
+    if (checked < 0.0).any():
+        msg = f"sigma_z_mm needs standard deviations of 0 or more, got {np.nanmin(checked):g} mm"
         raise CloudError(msg)
-    copy.setflags(write=False)
-    return copy
+    checked.setflags(write=False)
+    return checked
 
 
 _CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")

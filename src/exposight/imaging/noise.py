@@ -271,7 +271,7 @@ def with_sigma_z(
         cloud.points,
         stack.light().frames,
         stack.frames,
-        np.concatenate([fringe.frames for _, fringe, _ in finest]).astype(np.int64),
+        np.concatenate([fringe.frames for _, fringe, _ in finest]).astype(np.uint64),
         np.cumsum([0, *(len(fringe.frames) for _, fringe, _ in finest)]),
         np.concatenate([solver[1] for solver in solvers]),
         np.concatenate([solver[2] for solver in solvers]),
@@ -284,7 +284,7 @@ def with_sigma_z(
         projector.coefficients,
         sigma,
     )
-    return Cloud(points=cloud.points, sigma_z_mm=sigma)
+    return cloud.with_sigma(sigma)
 
 
 def _variance_of_levels(stack: FrameStack, noise: GreyNoise) -> FloatArray:
@@ -348,12 +348,12 @@ def recorded_sigma_z(
     return with_sigma_z(cloud, stack, sequence, noise, **poses), noise.remark
 
 
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=True, error_model="numpy", fastmath={"arcp", "contract"})
 def _propagate(
     points: NDArray[np.float32],
     frames: Levels,
     recorded: Image,
-    frame: NDArray[np.int64],
+    frame: NDArray[np.uint64],
     first: NDArray[np.int64],
     to_cosine: FloatArray,
     to_sine: FloatArray,
@@ -376,20 +376,23 @@ def _propagate(
             _slopes(points[r, c], rotation, translation, h, k, slope)
             normal, total = 0.0, 0.0
             for i in range(axes.size):
-                cosine, sine, variance = 0.0, 0.0, 0.0
+                cosine, sine, of_cosine, of_sine, of_both = 0.0, 0.0, 0.0, 0.0, 0.0
                 for j in range(first[i], first[i + 1]):
+                    by_cosine, by_sine = to_cosine[j], to_sine[j]
                     sample = float(frames[frame[j], r, c])
-                    cosine += to_cosine[j] * sample
-                    sine += to_sine[j] * sample
-                for j in range(first[i], first[i + 1]):
-                    weight = cosine * to_sine[j] - sine * to_cosine[j]
-                    variance += weight * weight * variance_of[recorded[frame[j], r, c]]
-                square = cosine * cosine + sine * sine
-                variance *= (px_per_radian[i] / square) ** 2
+                    variance = variance_of[recorded[frame[j], r, c]]
+                    cosine += by_cosine * sample
+                    sine += by_sine * sample
+                    of_cosine += by_cosine * by_cosine * variance
+                    of_sine += by_sine * by_sine * variance
+                    of_both += by_cosine * by_sine * variance
+                scale = px_per_radian[i] / (cosine * cosine + sine * sine)
+                variance = cosine * cosine * of_sine + sine * sine * of_cosine
+                variance = (variance - 2.0 * cosine * sine * of_both) * scale * scale
                 along = slope[axes[i]] * slope[axes[i]]
                 normal += along
                 total += along * variance
-            sigma[r, c] = np.sqrt(total) / normal
+            sigma[r, c] = points[r, c, 2] * np.sqrt(total) / normal
 
 
 @njit(inline="always", error_model="numpy")
@@ -401,20 +404,22 @@ def _slopes(
     k: FloatArray,
     slope: FloatArray,
 ) -> None:
-    """Fill ∂u/∂z and ∂v/∂z of the projector's image along the camera's ray, px/mm."""
-    z = float(point[2])
-    x_ray, y_ray = point[0] / z, point[1] / z
-    a = rotation[0, 0] * x_ray + rotation[0, 1] * y_ray + rotation[0, 2]
-    b = rotation[1, 0] * x_ray + rotation[1, 1] * y_ray + rotation[1, 2]
-    c = rotation[2, 0] * x_ray + rotation[2, 1] * y_ray + rotation[2, 2]
-    depth = z * c + t[2]
-    x, y = (z * a + t[0]) / depth, (z * b + t[1]) / depth
+    """Fill z·∂u/∂z and z·∂v/∂z of the projector's image along the camera's ray, px.
+
+    Divisions are few: they take most of the time.
+    """
+    p, q, s = float(point[0]), float(point[1]), float(point[2])
+    a = rotation[0, 0] * p + rotation[0, 1] * q + rotation[0, 2] * s
+    b = rotation[1, 0] * p + rotation[1, 1] * q + rotation[1, 2] * s
+    c = rotation[2, 0] * p + rotation[2, 1] * q + rotation[2, 2] * s
+    per_depth = 1.0 / (c + t[2])
+    x, y = (a + t[0]) * per_depth, (b + t[1]) * per_depth
+    slope_x, slope_y = (a - x * c) * per_depth, (b - y * c) * per_depth
     dx, dy, j_xx, j_xy, j_yx, j_yy = distort_point(x, y, k)
-    slope_x, slope_y = (a - x * c) / depth, (b - y * c) / depth
     slope_dx, slope_dy = j_xx * slope_x + j_xy * slope_y, j_yx * slope_x + j_yy * slope_y
-    weight = h[2, 0] * dx + h[2, 1] * dy + h[2, 2]
-    slope_weight = h[2, 0] * slope_dx + h[2, 1] * slope_dy
+    per_weight = 1.0 / (h[2, 0] * dx + h[2, 1] * dy + h[2, 2])
+    slope_weight = (h[2, 0] * slope_dx + h[2, 1] * slope_dy) * per_weight
     for axis in range(2):
-        image = (h[axis, 0] * dx + h[axis, 1] * dy + h[axis, 2]) / weight
+        image = h[axis, 0] * dx + h[axis, 1] * dy + h[axis, 2]
         along = h[axis, 0] * slope_dx + h[axis, 1] * slope_dy
-        slope[axis] = (along - image * slope_weight) / weight
+        slope[axis] = (along - image * slope_weight) * per_weight

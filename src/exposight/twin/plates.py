@@ -321,7 +321,7 @@ class PlateBench:
         for tile, stack in zip(view.light.tiles, stacks, strict=True):
             decoded, unlimited = model.decode(stack), replace(model, max_depth_noise_mm=None)
             cloud = model.points(stack, decoded, tile.box)
-            sigma_mm = unlimited.points(stack, decoded, tile.box, with_sigma=True).sigma_z_mm
+            sigma_mm = unlimited.points(stack, decoded, tile.box).sigma_z_mm
             grey = stack.frames[frames].mean(axis=0)
             noise_mm = np.full(grey.size, np.nan) if sigma_mm is None else sigma_mm.ravel()
             parts.append((cloud.points[..., 2].ravel(), noise_mm, shown * grey.ravel()))

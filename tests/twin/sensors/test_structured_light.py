@@ -249,12 +249,30 @@ def test_curves_that_the_simulated_cell_has_not_are_refused(stripes, curve) -> N
         replace(stripes, sequence=replace(stripes.sequence, **curve))
 
 
+def test_rings_of_captures_know_the_noise_of_their_points(
+    stripes, light, sheet, before, hole_part
+) -> None:
+    part = hole_part(HOLES)
+    boxes = ring_boxes(part, stripes.sensor, before())
+    rings = stripes.look(sheet, before(), boxes)
+    whole, listed = (
+        stripes.capture(each, BEST_MS, view="v", seed=SEED).cloud for each in (light, rings)
+    )
+    assert listed.sigma_z_mm.shape == listed.valid.shape
+    assert np.isin(listed.sigma_z_mm, whole.sigma_z_mm).all()
+    bright, dim = (
+        _observe(stripes.capture(light, ms, view="v", seed=SEED), stripes, part)[0].sigma_z_mm
+        for ms in (BEST_MS, BEST_MS / 2)
+    )
+    assert 0.0 < bright < dim
+
+
 def test_depth_noise_is_predicted_and_can_be_limited(stripes, light, true_depth_mm) -> None:
     whole, again = (stripes.capture(light, 60.0, view="v", seed=(4, 5, i)).cloud for i in (0, 1))
     (stack,) = stripes.frames(light, 60.0, (4, 5, 0))
     (tile,) = light.tiles
     decoded = stripes.decode(stack)
-    predicted = stripes.points(stack, decoded, tile.box, with_sigma=True).sigma_z_mm
+    predicted = stripes.points(stack, decoded, tile.box).sigma_z_mm
     scatter = (whole.points[..., 2] - again.points[..., 2]) / np.sqrt(2.0) / predicted
     assert np.nanstd(scatter) == pytest.approx(1.0, rel=0.05)
     # A filter takes a half full pixel's noise.

@@ -250,6 +250,7 @@ class StripeSensor:
         Capture
             Of a whole frame with an organised cloud; where only boxes were traced, the image is 0
             outside them and the cloud is the plain list of their points, in the camera's frame.
+            Points have their standard deviations as in `points`.
             Its stack images are those of `exposight.imaging.stack_images`.
 
         Raises
@@ -263,11 +264,7 @@ class StripeSensor:
             decoded = self.decode(stack)
             clouds.append(self.points(stack, decoded, tile.box))
             pieces.append(stack_images(stack, self.sequence, decoded, self.limits))
-        if light.is_whole:
-            cloud = clouds[0]
-        else:
-            points = [np.empty((0, 3), dtype=np.float32), *(c.valid_points for c in clouds)]
-            cloud = Cloud(points=np.concatenate(points))
+        cloud = clouds[0] if light.is_whole else _listed(clouds)
         whole = {
             name: self._whole_frame(light, [piece.images()[name] for piece in pieces])
             for name in ("mean", "maximum", "modulation")
@@ -302,10 +299,11 @@ class StripeSensor:
         """Decode frames as `frames` took them."""
         return decode(stack, self.sequence, self.limits, checked=False)
 
-    def points(
-        self, stack: FrameStack, decoded: DecodedMap, box: PixelBox, *, with_sigma: bool = False
-    ) -> Cloud:
+    def points(self, stack: FrameStack, decoded: DecodedMap, box: PixelBox) -> Cloud:
         """Triangulate a rectangle of pixels.
+
+        Where the sequence has fringes, each point has its standard deviation, of the camera's noise
+        at its own brightness (`exposight.imaging.with_sigma_z`).
 
         Parameters
         ----------
@@ -315,9 +313,6 @@ class StripeSensor:
             What came of them (`decode`).
         box : PixelBox
             The pixels.
-        with_sigma : bool
-            Give each point its standard deviation, of the camera's noise at its own brightness
-            (`exposight.imaging.with_sigma_z`), where the sequence has fringes.
 
         Returns
         -------
@@ -336,7 +331,7 @@ class StripeSensor:
             sigma = with_sigma_z(cloud, stack, self.sequence, noise, **poses).sigma_z_mm
             noisy = np.asarray(sigma, dtype=np.float64)[..., None] > self.max_depth_noise_mm
             cloud = Cloud(points=np.where(noisy, np.float32(np.nan), cloud.points))
-        if not with_sigma or why_no_sigma(self.sequence):
+        if why_no_sigma(self.sequence):
             return cloud
         return with_sigma_z(cloud, stack, self.sequence, self.grey_noise, **poses)
 
@@ -376,6 +371,14 @@ class StripeSensor:
             image[box.top : box.bottom, box.left : box.right] = piece
         image.setflags(write=False)
         return image
+
+
+def _listed(clouds: Sequence[Cloud]) -> Cloud:
+    """Return the valid points of clouds as one list."""
+    points = [np.empty((0, 3), dtype=np.float32), *(each.valid_points for each in clouds)]
+    cloud = Cloud(points=np.concatenate(points))
+    sigma = [each.sigma_z_mm[each.valid] for each in clouds if each.sigma_z_mm is not None]
+    return cloud.with_sigma(np.concatenate(sigma)) if sigma else cloud
 
 
 def ring_boxes(
