@@ -42,3 +42,10 @@ def test_points_before_all_features():
     assert found.is_error
     assert "4 of 4 rings" in found.found
     assert "41.5 mm nearer" in found.found
+
+
+def test_matched_points_are_smeared():
+    once = np.array([1.0, 1.18, 0.9, 0.8])
+    assert too_many_points(once, PIXELS, NAMES) is not None
+    assert too_many_points(once, PIXELS, NAMES, matched=True) is None
+    assert too_many_points(np.full(4, 1.18), PIXELS, NAMES, matched=True).is_error

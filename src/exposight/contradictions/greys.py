@@ -25,6 +25,9 @@ _LEAST_PILE = 30
 # columns have own amplifiers differ by up to 1 %; the largest seen is 0.3 % (foam).
 _MOSAIC_WARNING, _MOSAIC_ERROR = 0.03, 0.10
 
+# A mosaic is the same all over the image, texture is not: standard deviations over eight parts.
+_MOSAIC_PARTS, _MOSAIC_SURE = 8, 6.0
+
 
 def check_greys(
     images: NDArray[Any],
@@ -255,6 +258,12 @@ def small_levels(
     )
 
 
+def _steady(ratios: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the sites' medians (4,) over their mean: dots on dark make all of them small."""
+    medians = np.median(ratios, axis=1)
+    return np.asarray(medians / medians.mean())
+
+
 def mosaic(sample: NDArray[Any], what: str = "the frames") -> Contradiction | None:
     """Find a colour filter's 2×2 mosaic in a grey image.
 
@@ -276,10 +285,13 @@ def mosaic(sample: NDArray[Any], what: str = "the frames") -> Contradiction | No
     lit = mean > max(0.5 * float(np.percentile(mean, 98)), 1.0)
     if np.count_nonzero(lit) < 200:
         return None
-    ratio = np.median(sites[:, lit] / mean[lit], axis=1)
+    ratios = sites[:, lit] / mean[lit]
+    parts = np.array([_steady(part) for part in np.array_split(ratios, _MOSAIC_PARTS, axis=1)])
+    ratio = parts.mean(axis=0)
     (r00, r01, r10, r11) = ratio.tolist()
     worst = float(np.abs(ratio - 1).max())
-    if worst < _MOSAIC_WARNING:
+    noise = float(parts.std(axis=0).max()) / math.sqrt(_MOSAIC_PARTS - 1)
+    if worst < max(_MOSAIC_WARNING, _MOSAIC_SURE * noise):
         return None
     main, other = abs(r00 - r11), abs(r01 - r10)
     if min(main, other) > 0.7 * max(main, other):

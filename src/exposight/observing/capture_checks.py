@@ -64,6 +64,7 @@ def capture_contradictions(
         np.array([np.nan if row.p_norm is None else row.p_norm for row in rows]),
         np.array([np.nan if row.n_pixels is None else row.n_pixels for row in rows]),
         [row.feature for row in rows],
+        matched=len(sensor.cameras) > 1,
     )
 
 
