@@ -267,7 +267,8 @@ def overhead() -> list[Figure]:
     part = many_holes(40)
     capture = plate_capture(sensor, plate)
     views = view_features(part, sensor, plate.camera_from_part)
-    rows = observe_capture(capture, views, point_search(plate.cloud, camera))
+    search = point_search(plate.cloud, camera)
+    rows = observe_capture(capture, views, search)
 
     def observe() -> None:
         views = view_features(part, sensor, plate.camera_from_part)
@@ -275,7 +276,7 @@ def overhead() -> list[Figure]:
 
     def check() -> None:
         list(frame_contradictions(stack, sequence, limits))
-        list(capture_contradictions(capture, sensor, views, rows))
+        list(capture_contradictions(capture, sensor, views, rows, search))
 
     decoding = best_of(7, lambda: decode(stack, sequence, limits, checked=False))
     observing, checking = best_of(7, observe), best_of(7, check)

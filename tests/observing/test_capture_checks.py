@@ -18,7 +18,20 @@ PLACES = [(-60.0, -40.0), (50.0, -45.0), (-55.0, 45.0), (62.0, 38.0)]
 
 @pytest.fixture
 def capture(sensor, make_capture):
-    return make_capture(sensor, TURNED @ INTO)
+    return punched(make_capture(sensor, TURNED @ INTO), PLACES)
+
+
+def punched(capture, places, radius_mm=6.0):
+    """Return a capture of the plate with holes in it."""
+    points = capture.cloud.points.copy()
+    on_plate = TURNED.inverse().apply(points.reshape(-1, 3).astype(float)).reshape(points.shape)
+    for x, y in places:
+        points[np.hypot(on_plate[..., 0] - x, on_plate[..., 1] - y) < radius_mm] = np.nan
+    return replace(capture, cloud=Cloud(points=points))
+
+
+def checks(table):
+    return [each.check for each in table.contradictions]
 
 
 @pytest.fixture
@@ -124,3 +137,47 @@ def test_a_normal_that_is_wrong_by_itself(observed, part):
     assert rows[1:].to_list() == pytest.approx([1.0] * 3, abs=0.01)
     if rows[0] > 1.1:
         assert "h0" in table.contradictions[0].found
+
+
+def test_holes_that_are_elsewhere(observed):
+    beside = replace(TURNED, translation_mm=np.add(TURNED.translation_mm, [20, 0, 0]))
+    assert "no-hole" in checks(observed(pose=beside))
+
+
+def test_diameters_given_as_radii(observed, part):
+    doubled = [replace(each, radius_mm=2 * each.radius_mm) for each in part.features]
+    assert checks(observed(features=replace(part, features=tuple(doubled)))) == ["no-hole"]
+
+
+def test_features_in_metres(observed, part):
+    small = [
+        replace(
+            each,
+            radius_mm=each.radius_mm / 1000,
+            part_from_feature=replace(
+                each.part_from_feature,
+                translation_mm=each.part_from_feature.translation_mm / 1000,
+            ),
+        )
+        for each in part.features
+    ]
+    assert "small-features" in checks(observed(features=replace(part, features=tuple(small))))
+
+
+@pytest.mark.parametrize(("off_mm", "found"), [(2.0, []), (6.0, ["points-off-plane"])])
+def test_a_plane_that_is_off(observed, off_mm, found):
+    nearer = replace(TURNED, translation_mm=TURNED.translation_mm - [0, 0, off_mm])
+    assert checks(observed(pose=nearer)) == found
+
+
+def test_a_cloud_in_a_robots_frame(observed, capture):
+    base = RigidTransform.from_fanuc_wpr((300, -200, 900), 175, 10, 30)
+    points = base.apply(capture.cloud.valid_points.astype(float))
+    with pytest.raises(ContradictionError, match="lie outside of it"):
+        observed(cloud=Cloud(points=points))
+
+
+def test_points_in_a_black_image(sensor, capture, part):
+    black = replace(capture, image=np.zeros_like(capture.image), camera_from_part=TURNED)
+    campaign = MemoryCampaign(name="c", sensor=sensor, part=part, captures=[black])
+    assert checks(observe_campaign(campaign)) == ["points-in-the-dark"]

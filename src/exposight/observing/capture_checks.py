@@ -11,15 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX, ActiveSensor, Capture
-from exposight.contradictions import Contradiction, clouds, rings
+from exposight.contradictions import Contradiction, clouds, places, rings
 from exposight.contradictions.greys import check_greys
 from exposight.geometry import grid_camera, grid_ratio
 from exposight.observing import masks
+from exposight.observing.point_search import PointSearch
 from exposight.observing.schema import Observation
 
 _SAMPLE = 4096
 """Points of a cloud that are held against their pixels: a median of so many is good to a few %."""
 _RING_SAMPLE = 200
+_INNER = 0.8
+"""Of a hole's radius: its rim may be chamfered, and lie a pixel beside."""
+_FEWEST_PIXELS = 12
+_DENSE = 0.5
+_SURFACE_MM = 1.0
+"""Points of a hole's ground or wall lie deeper."""
 
 
 def capture_contradictions(
@@ -27,6 +34,7 @@ def capture_contradictions(
     sensor: ActiveSensor,
     views: Sequence[masks.FeatureView],
     rows: Sequence[Observation],
+    search: PointSearch,
 ) -> Iterator[Contradiction | None]:
     """Yield what of a capture does not agree with the rest of it.
 
@@ -40,6 +48,8 @@ def capture_contradictions(
         The features as the capture's pose has them.
     rows : sequence of Observation
         What was observed of them.
+    search : PointSearch
+        The capture's cloud (`point_search`).
     """
     computed = capture.emulated or capture.brightness_source == "merged"
     yield from check_greys(capture.image, capture.full_scale, scaled=computed, what="the image")
@@ -57,11 +67,20 @@ def capture_contradictions(
         if behind is not None:
             return
         pixels = _pixels_seen(cloud.valid_points, sensor)
+        outside = places.outside_image(len(pixels), cloud.n_valid)
+        yield outside
+        if outside is not None and outside.is_error:
+            return
         column, row = np.rint(pixels).astype(np.int64).T
         scale = GREY_MAX / capture.full_scale
         yield clouds.thinner_than_image(pixels, scale * capture.image[row, column])
+    yield from _at_features(views, rows, search)
+    p_norm = np.array([np.nan if row.p_norm is None else row.p_norm for row in rows])
+    if not computed:
+        i_avg = np.array([np.nan if row.i_avg is None else row.i_avg for row in rows])
+        yield places.points_in_the_dark(i_avg, p_norm)
     yield rings.too_many_points(
-        np.array([np.nan if row.p_norm is None else row.p_norm for row in rows]),
+        p_norm,
         np.array([np.nan if row.n_pixels is None else row.n_pixels for row in rows]),
         [row.feature for row in rows],
         matched=len(sensor.cameras) > 1,
@@ -136,6 +155,36 @@ def _where_features_are(
     if not seen:
         return None
     return rings.points_elsewhere(np.array(seen), np.array(p_norm), np.array(off))
+
+
+def _at_features(
+    views: Sequence[masks.FeatureView], rows: Sequence[Observation], search: PointSearch
+) -> Iterator[Contradiction | None]:
+    """Compare points with the planes of features, and with the holes in them."""
+    filled, names, off = [], [], []
+    for view, row in zip(views, rows, strict=True):
+        if row.p_norm is None or row.n_pixels is None or row.p_norm < _DENSE:
+            continue
+        points, _ = search.raster(view)
+        there = points[np.isfinite(points[..., 0])].astype(np.float64)
+        x, y, z = view.camera_from_feature.inverse().apply(there).T
+        region, radius_mm = view.region, view.feature.radius_mm
+        r = np.hypot(x, y)
+        height = z - region.plane_z_mm
+        in_ring = (np.abs(height) <= region.height_mm / 2) & (r > radius_mm)
+        in_ring &= (r >= region.inner_mm) & (r <= region.outer_mm)
+        if any(region.core_half_size_mm) or in_ring.sum() < _FEWEST_PIXELS:
+            continue
+        plane_mm = float(np.median(height[in_ring]))
+        off.append(-plane_mm)
+        share = (_INNER * radius_mm) ** 2 / (region.outer_mm**2 - region.inner_mm**2)
+        if view.feature.kind == "hole" and row.n_pixels * share >= _FEWEST_PIXELS:
+            inner = (r <= _INNER * radius_mm) & (np.abs(height - plane_mm) <= _SURFACE_MM)
+            filled.append(float(inner.sum()) / (row.n_pixels * share))
+            names.append(row.feature)
+    yield places.holes(np.array(filled), names)
+    yield places.small_features(np.array([view.feature.radius_mm for view in views]))
+    yield places.off_plane(np.array(off))
 
 
 def _pixels_seen(points: NDArray[np.float32], sensor: ActiveSensor) -> NDArray[np.float64]:

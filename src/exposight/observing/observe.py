@@ -119,7 +119,7 @@ class Observer:
         rows = observe_capture(capture, self._views, search, self._shared)
         found = [
             self._explained(each, capture)
-            for each in capture_contradictions(capture, self._sensor, self._views, rows)
+            for each in capture_contradictions(capture, self._sensor, self._views, rows, search)
             if each is not None
         ]
         if found:

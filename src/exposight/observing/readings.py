@@ -40,6 +40,7 @@ class Reading:
 _FITS_P_NORM = 0.25
 _TRIED_POINTS = 40_000
 _UNITS = {unit: mm for unit, mm in LENGTH_UNITS_MM.items() if unit != "mm"}
+_OTHER_UNITS = {"inches": 25.4, "µm": 0.001}
 
 
 def reading_that_fits(
@@ -72,6 +73,13 @@ def _other_readings(
     for unit, scale in _UNITS.items():
         yield (
             f"the cloud is in {unit}: --cloud-unit {unit}",
+            points * np.float32(scale),
+            part,
+            camera_from_part,
+        )
+    for unit, scale in _OTHER_UNITS.items():
+        yield (
+            f"the cloud is in {unit}: convert it to mm",
             points * np.float32(scale),
             part,
             camera_from_part,
