@@ -6,7 +6,7 @@ import pytest
 from tests.models.rings import BLACK, SENSOR, observed
 
 from exposight.cell import Feature, Part
-from exposight.errors import InputError
+from exposight.errors import InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.models import save_model, train_response, train_window
 from exposight.observing import ObservationTable, View
@@ -85,6 +85,33 @@ def test_a_model_of_another_quality_is_not_taken_for_p_norm(models):
     with pytest.raises(InputError, match=r"expected a model that predicts p_norm, got .*diameter"):
         SensorModels.load(file)
     assert SensorModels.load(models).quality.target == "p_norm"
+
+
+def test_a_good_diameter_that_is_rarely_measured_is_not_promised(table):
+    """Here it is best where it is brightest, and there nine of ten captures do not measure it."""
+    quality = train_window(table, sensor=SENSOR)
+    grey = table.array(["i_mean"])[:, 0] - BLACK
+    often = np.arange(len(grey)) % 10 == 0
+    error = np.where((grey < 60.0) | often, 1.0 / grey, np.nan)
+    column = pl.Series("diameter_error_mm", error).fill_nan(None)
+    rare = ObservationTable.from_frame(table.frame.with_columns(column))
+    model = train_response(rare, "diameter_error_mm", model=quality)
+    assert np.exp(model.window.span[1]) == pytest.approx(60.0, rel=0.3)
+    forecast = model.forecast(table.frame.head(1), np.geomspace(1.0, 1000.0, 60), need=1.0)
+    bright = forecast.i_mean()[0] - BLACK
+    assert forecast.chance[0][bright > 100.0].max() < 0.1
+    assert forecast.chance[0].max() > 0.9
+
+
+def test_what_is_rarely_measured_at_any_brightness_is_no_target(table):
+    quality = train_window(table, sensor=SENSOR)
+    rare = pl.when(pl.int_range(pl.len()) % 10 == 0).then(0.01).alias("diameter_error_mm")
+    with pytest.raises(ObservationError, match=r"diameter_error_mm is measured in at most \d+ %"):
+        train_response(
+            ObservationTable.from_frame(table.frame.with_columns(rare)),
+            "diameter_error_mm",
+            model=quality,
+        )
 
 
 def test_which_is_better_must_be_known(table):

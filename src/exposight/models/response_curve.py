@@ -1,7 +1,9 @@
 """Any quality of a ring over its brightness: a curve learnt from captures, for forecasts.
 
 Noise, form or diameter of a ring depend on how bright it is, as p_norm does, in ways that nobody
-needs to write down: one curve over ln brightness, and the scatter round it.
+needs to write down: one curve over ln brightness, and the scatter round it. A diameter that is
+rarely measured may still be good where it is, so the curve ends where fewer than half of the
+captures measure it, and beyond its ends no need is met.
 """
 
 from __future__ import annotations
@@ -27,6 +29,12 @@ _KNOTS = 120
 _MOST_ROWS = 600
 """Rows that the curve is learnt from, evenly chosen over brightness; more say nothing new."""
 _FEWEST_ROWS = 12
+LEAST_MEASURED = 0.5
+"""Share of captures that must measure a quality at a brightness for it to be promised there."""
+_BESIDE = 20
+"""Captures of about the same brightness between which the share is taken."""
+_NEVER = -1e9
+"""Worse than any need: the quality where it is not measured."""
 _NODES = ((-1.732, 1 / 6), (0.0, 2 / 3), (1.732, 1 / 6))
 """Gauss–Hermite: normal scatter by three values and their weights."""
 
@@ -38,7 +46,7 @@ class ResponseCurve:
     Parameters
     ----------
     grid : (g,) ndarray
-        ln of grey levels above black; constant beyond.
+        ln of grey levels above black; beyond, no need is met and the mean stays as it is.
     values : (g,) ndarray
         The quality, negative where lower is better, so that more is better.
     scatter : float
@@ -121,7 +129,8 @@ class ResponseCurve:
         """Tabulate the curve, and its mean over an uncertain ln L, for n rings."""
         margin = 3.0 * float(np.sqrt(variance.max(initial=0.0))) + 0.1
         grid = regular_grid(self.span[0] - margin, self.span[1] + margin)
-        sharp = np.tile(np.interp(grid, self.grid, self.values), (len(points.best), 1))
+        curve = np.interp(grid, self.grid, self.values, left=_NEVER, right=_NEVER)
+        sharp = np.tile(curve, (len(points.best), 1))
         nodes, weights = np.polynomial.hermite_e.hermegauss(9)
         at = grid + np.sqrt(variance)[:, None, None] * nodes[:, None]
         mean = np.einsum(
@@ -130,9 +139,9 @@ class ResponseCurve:
         return Tables(grid=grid, sharp=sharp, mean=mean)
 
     def widened(self, values: FloatArray, points: Points, z: float) -> FloatArray:
-        """Add z standard deviations of the scatter."""
+        """Add z standard deviations of the scatter; beyond its ends the curve is at its worst."""
         del points
-        return values + z * self.scatter
+        return np.asarray(np.maximum(values, self.values.min()) + z * self.scatter)
 
     def needs(self, points: Points, need: float) -> list[tuple[float, FloatArray]]:
         """Return what the curve must reach for the quality to be reached, with its chance."""
@@ -140,6 +149,42 @@ class ResponseCurve:
         return [
             (weight, np.full(n, self.sign * need - node * self.scatter)) for node, weight in _NODES
         ]
+
+
+def measured_between(
+    log_brightness: FloatArray, measured: NDArray[np.bool_], target: str
+) -> tuple[float, float]:
+    """Return the brightnesses between which `LEAST_MEASURED` of the captures measure a quality.
+
+    Parameters
+    ----------
+    log_brightness : (n,) ndarray
+        Of all captures of rings of which some capture measures it.
+    measured : (n,) ndarray of bool
+        Which of them do.
+    target : str
+        Its name, for the error.
+
+    Raises
+    ------
+    ObservationError
+        If there is no such brightness.
+    """
+    order = np.argsort(log_brightness)
+    x, seen = log_brightness[order], measured[order].astype(np.float64)
+    beside = np.ones(min(_BESIDE, len(seen)))
+    share = np.convolve(seen, beside, "same") / np.convolve(np.ones_like(seen), beside, "same")
+    enough = share >= LEAST_MEASURED
+    if not enough.any():
+        msg = (
+            f"{target} is measured in at most {100 * share.max():.0f} % of the captures at any "
+            f"brightness; expected at least {100 * LEAST_MEASURED:.0f} % somewhere"
+        )
+        raise ObservationError(msg)
+    starts = np.flatnonzero(np.diff(enough, prepend=False) & enough)
+    ends = np.flatnonzero(np.diff(enough, append=False) & enough)
+    most = int(np.argmax([seen[a : b + 1].sum() for a, b in zip(starts, ends, strict=True)]))
+    return float(x[starts[most]]), float(x[ends[most]])
 
 
 def rows_of_quality(frame: pl.DataFrame, target: str) -> pl.DataFrame:

@@ -16,7 +16,13 @@ from exposight.models.origin import Origin
 from exposight.models.predictor import Provenance
 from exposight.models.radiance_model import EXPOSURE, QUALITY, RadianceModel
 from exposight.models.radiance_search import MeanKind
-from exposight.models.response_curve import Better, ResponseCurve, rows_of_quality
+from exposight.models.response_curve import (
+    LEAST_MEASURED,
+    Better,
+    ResponseCurve,
+    measured_between,
+    rows_of_quality,
+)
 from exposight.models.ring_data import ring_data
 from exposight.models.ring_light import POSE_COLUMNS, check_places
 from exposight.models.window_fit import fit_window
@@ -199,20 +205,28 @@ def train_response(
         )
         raise InputError(msg)
     radiance = model.radiance
-    frame = rows_of_quality(table.measured().frame, target)
+    measured = table.measured().frame
+    with_value = rows_of_quality(measured, target)
+    frame = measured.filter(pl.col("feature").is_in(with_value["feature"].unique().implode()))
     rings, ring = radiance.rings(frame)
     log_radiance, _, _ = radiance.radiance(rings)
-    exposure_ms, values = frame["exposure_ms"].to_numpy(), frame[target].cast(pl.Float64)
+    log_brightness = log_radiance[ring] + np.log(frame["exposure_ms"].to_numpy())
+    values = frame[target].cast(pl.Float64).fill_null(np.nan).to_numpy()
+    kept = np.isfinite(values)
+    low, high = measured_between(log_brightness, kept, target)
+    kept &= (log_brightness >= low) & (log_brightness <= high)
     curve = ResponseCurve.fit(
-        log_radiance[ring] + np.log(exposure_ms),
-        values.abs().to_numpy() if quantity(target).signed else values.to_numpy(),
+        log_brightness[kept],
+        np.abs(values[kept]) if quantity(target).signed else values[kept],
         better,
     )
+    between = " to ".join(f"{each:.0f}" for each in np.exp(curve.span))
     return replace(
         model,
         name=f"{QUALITY}_{target}",
-        title=f"{target}, curve over brightness",
+        title=f"{target} at {between} grey levels above black, where at least "
+        f"{100 * LEAST_MEASURED:.0f} % of the captures measure it",
         target=target,
         window=curve,
-        n_rows=frame.height,
+        n_rows=int(kept.sum()),
     )

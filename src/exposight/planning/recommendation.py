@@ -127,20 +127,20 @@ class Recommendation:
         if not self.exposures:
             return f"take none: no exposure time serves any of {counted(n, 'feature')}"
         times = ", ".join(number(each) for each in self.exposures_ms)
-        share = f"{len(self.planned)} of {counted(n, 'feature')} will {self._wish}"
+        verb = "reach" if self.target == "p_norm" else "have"
+        share = f"{len(self.planned)} of {counted(n, 'feature')} will {verb} {self.wish}"
         return (
             f"take {counted(len(self.exposures), 'exposure')}, {times} ms: {share} with a chance "
             f"of {100 * self.confidence:g} % or more"
         )
 
     @property
-    def _wish(self) -> str:
+    def wish(self) -> str:
+        """What is asked for, with its unit; of p_norm the number alone."""
         if self.target == "p_norm":
-            return f"reach {self.need:g}"
-        wanted = quantity(self.target)
-        value = f"{number(self.need, 3)} {wanted.suffix}".strip()
-        bound = "at most" if self.at_most else "at least"
-        return f"have {self.target} of {bound} {value}"
+            return f"{self.need:g}"
+        value = f"{number(self.need, 3)} {quantity(self.target).suffix}".strip()
+        return f"{self.target} of {'at most' if self.at_most else 'at least'} {value}"
 
     @property
     def notes(self) -> tuple[str, ...]:

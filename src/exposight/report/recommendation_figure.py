@@ -180,7 +180,12 @@ def _label(recommendation: Recommendation) -> str:
 
 def _legend(figure: Figure, axes: Axes, recommendation: Recommendation, *, failing: bool) -> None:
     share = f"{100 * recommendation.confidence:g} %"
-    need = f"{QUANTITIES['p_norm'].math} ≥ {recommendation.need:g}"
+    is_p_norm = recommendation.target == "p_norm"
+    need = (
+        f"{QUANTITIES['p_norm'].math} ≥ {recommendation.need:g}"
+        if is_p_norm
+        else recommendation.wish
+    )
     bars = [
         (_MEDIAN, f"{need} by the median"),
         (_SURE, f"with {share} or more"),
