@@ -16,13 +16,13 @@ from exposight.contradictions.contradiction import Contradiction
 # Of an image some 130 000 pixels are read, of a stack this many samples: a few milliseconds.
 _SAMPLED_PIXELS, _SAMPLES = 131_072, 786_432
 
-# A pile of clipped samples against the levels below it. The largest such ratio on the recordings
-# and simulated captures, at a level that less than 5 % of the pile's samples exceed, is 3.
+# A pile of clipped samples against the mean of the levels below it, at a level that less than 5 %
+# of the pile's samples exceed.
 _PILE = 10.0
 _LEAST_PILE = 30
 
 # Median difference of the four sites of 2×2 pixels from their mean. Cameras whose even and odd
-# columns have own amplifiers differ by up to 1 %; the largest seen is 0.3 % (foam).
+# columns have own amplifiers differ by up to 1 %.
 _MOSAIC_WARNING, _MOSAIC_ERROR = 0.03, 0.10
 
 # A mosaic is the same all over the image, texture is not: standard deviations over eight parts.

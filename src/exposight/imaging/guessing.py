@@ -40,6 +40,9 @@ _Array = NDArray[np.float64]
 _LEAST_LIT = 500
 _ASSUMED_SIZE = (1024, 768)
 
+_LEAST_OF_BITS, _LEAST_OF_FRINGES = 0.75, 0.4
+"""The least that is proposed. Most unrelated photographs stay below; recordings reach 0.88."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
@@ -129,6 +132,7 @@ def guess_sequence(
     if not codings:
         msg = "the frames change, but show neither steps of a fringe nor bits of a code"
         raise ImageError(msg)
+    _refuse_unlikely(findings)
     width = sizes["columns"] or _ASSUMED_SIZE[0]
     height = sizes["rows"] or _ASSUMED_SIZE[1]
     findings += _unknowns(projector_size, width, height)
@@ -146,6 +150,19 @@ def guess_sequence(
         unused_frames=_unused(roles, stack.n_frames, codings),
     )
     return Guess(sequence=sequence, findings=tuple(findings))
+
+
+def _refuse_unlikely(findings: Sequence[Finding]) -> None:
+    """Raise an ImageError where bits or fringes agree no better than any photographs do."""
+    for each in findings:
+        least = {"bits": _LEAST_OF_BITS, "fringe": _LEAST_OF_FRINGES}.get(each.what.split()[0], 0)
+        if each.sure is not None and each.sure < least:
+            msg = (
+                f"the frames change, but show no patterns: the likeliest {each.what} "
+                f"({each.found}) agree to {100 * each.sure:.0f} %, {100 * least:.0f} % at least "
+                "are expected; is it a folder of one recording, with all its frames?"
+            )
+            raise ImageError(msg)
 
 
 def _view(stack: FrameStack, *, vertical: bool) -> View:
