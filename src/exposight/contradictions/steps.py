@@ -396,7 +396,8 @@ def check_phase(
     coordinate, phase = coordinate[thin], phase[thin]
     said = relation(coordinate, phase, steps.periods, steps.size)
     period_px = steps.size / steps.periods
-    # Where all is right the coherence is near 1 (0.9 of foam's recording) and the offset near 0. From 0.25 periods on, orders are wrong where the code is uncertain too.
+    # Where all is right the coherence is near 1 (of foam's recording 0.9), the offset near 0. From
+    # 0.25 periods on, orders are wrong where the code is uncertain too.
     if said.coherence > 0.5:
         if abs(said.offset) < 0.1:
             return None
