@@ -17,11 +17,13 @@ from exposight.cli.app import UsageError
 from exposight.cli.decode_stereo import NO_PAIR, StereoOptions, decode_stereo
 from exposight.cli.guess_sequence import guess_result, guess_table, guessed
 from exposight.cli.result import Fact, Result, Written, fact
+from exposight.contradictions import settle
 from exposight.contradictions.contradiction import check_names
+from exposight.contradictions.intersections import INTERSECTIONS
 from exposight.errors import CloudError
 from exposight.files import write_durably
 from exposight.geometry import ProjectorCamera, read_projector_camera
-from exposight.imaging.consistency import FRAME_CHECKS
+from exposight.imaging.consistency import FRAME_CHECKS, map_contradiction
 from exposight.tables import Column, Table, count, number
 
 _LIMITS = imaging.DecodingLimits()
@@ -147,7 +149,7 @@ def decode_command(
             "and --sequence, or a stereo pair with --stereo"
         )
         raise UsageError(msg)
-    check_names(despite, FRAME_CHECKS)
+    check_names(despite, (*FRAME_CHECKS, INTERSECTIONS))
     files = [
         Written.at(path, kind)
         for path, kind in ((output, "cloud"), (map_file, "map"), (preview, "preview"))
@@ -164,6 +166,8 @@ def decode_command(
         _write_preview(preview, decoded)  # first: it helps to see why there are no points
     if map_file is not None:
         imaging.write_map(map_file, decoded)
+    meeting = map_contradiction(decoded, rig.camera, rig.projector, rig.projector_from_camera)
+    found = (*decoded.contradictions, *settle([meeting], despite))
     cloud = _triangulated(decoded, rig, depth_limits_mm)
     if not cloud.n_valid:
         raise CloudError(_why_empty(decoded, rig, depth_limits_mm, limits.min_modulation))
@@ -200,7 +204,7 @@ def decode_command(
             *(() if proposed is None else (guess_table(proposed),)),
             _pixel_table(decoded.counts()),
         ),
-        contradictions=decoded.contradictions,
+        contradictions=found,
         notes=(
             *filter(None, (of_noise,)),
             *(() if files else ("nothing was written: --output keeps the cloud",)),

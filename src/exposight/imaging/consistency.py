@@ -16,9 +16,11 @@ from exposight.contradictions import Contradiction
 from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
 from exposight.contradictions.fringe_sets import FringeSet, check_fringe_set
 from exposight.contradictions.greys import check_greys
+from exposight.contradictions.intersections import Meeting, check_intersections
 from exposight.contradictions.steps import Steps, check_phase, check_steps
+from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.imaging.codings import Fringe, GrayCode
-from exposight.imaging.decoded import DecodingLimits
+from exposight.imaging.decoded import DecodedMap, DecodingLimits
 from exposight.imaging.frames import FrameStack, Light
 from exposight.imaging.gray_code import decode_gray_code
 from exposight.imaging.response import phase_correction
@@ -37,6 +39,7 @@ FRAME_CHECKS = (
 
 # Pixels of a frame that are looked at: of 4 megapixels every 128th pair of lines.
 _SAMPLED_PIXELS = 32_768
+_SAMPLED_RAYS = 10_000
 
 
 def frame_contradictions(
@@ -65,6 +68,54 @@ def frame_contradictions(
     for axis, coding, size in sequence.axes():
         along = max(lines, key=lambda each: _changes(each, sequence, coding, limits))
         yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
+
+
+def map_contradiction(
+    decoded: DecodedMap,
+    camera: PinholeCamera,
+    projector: PinholeCamera,
+    projector_from_camera: RigidTransform,
+) -> Contradiction | None:
+    """Hold a decoded map against the calibration by which points are made of it.
+
+    Parameters
+    ----------
+    decoded : DecodedMap
+        Of the whole image.
+    camera, projector : PinholeCamera
+        Intrinsic parameters of both.
+    projector_from_camera : RigidTransform
+        Extrinsic parameters, mm.
+
+    Returns
+    -------
+    Contradiction or None
+        ``intersections``; see ``docs/contradictions.md``.
+    """
+    rows, columns = decoded.image_shape
+    step = max(1, math.isqrt(rows * columns // _SAMPLED_RAYS))
+    # Evenly about the middle, so that the sample of a turned image is the turned sample.
+    grid = np.ix_(
+        np.arange((rows - 1) % step // 2, rows, step),
+        np.arange((columns - 1) % step // 2, columns, step),
+    )
+    column, row = (
+        None if coordinate is None else coordinate[grid]
+        for coordinate in (decoded.column, decoded.row)
+    )
+    if (rows, columns) != (camera.height, camera.width):
+        return None  # triangulation refuses it
+    return check_intersections(
+        Meeting(
+            rays=camera.rays()[grid],
+            column=column,
+            row=row,
+            rotation=projector_from_camera.rotation,
+            translation_mm=projector_from_camera.translation_mm,
+            matrix=projector.matrix,
+            size=(projector.width, projector.height),
+        )
+    )
 
 
 def line_pairs(stack: FrameStack, *, vertical: bool, most: int = _SAMPLED_PIXELS) -> Light:
