@@ -407,7 +407,9 @@ def gamma() -> list[Attempt]:
             save(Path(f"{name}{steps}"), frames)
         tables = _fringes([(1, range(steps)), (16, range(steps, 2 * steps))])
         _sequence(f"s{steps}.toml", rig, tables)
-        _sequence(f"known{steps}.toml", rig, tables, "projector_gamma = 2.2\n")
+        _sequence(
+            f"known{steps}.toml", rig, tables, "projector_gamma = 2.2\npattern_contrast = 0.9\n"
+        )
         right = rig if steps == 4 else None
         attempts += [
             _decode(f"s{steps}.toml", rig=rig, frames=f"linear{steps}"),

@@ -7,7 +7,9 @@ import pytest
 
 from exposight.contradictions.codes import (
     Reading,
+    check_bits,
     check_coverage,
+    check_exchanged,
     check_neighbours,
     read_codes,
 )
@@ -77,9 +79,53 @@ def test_codes_beyond_the_projector_are_an_error_that_names_the_offset(codes):
     assert check_coverage(_words(codes), Reading(_ORDER), 900, 0, "columns") is None
 
 
-def test_a_first_code_that_nobody_said_is_a_warning_unless_the_frames_tell(codes):
+def test_a_first_code_that_nobody_said_is_asked_for_unless_the_frames_tell(codes):
     found = check_coverage(_words(codes), Reading(_ORDER), 900, None, "columns")
-    assert not found.is_error
+    assert found.is_error
     assert "first_code = 62" in found.explanation
     assert check_coverage(_words(codes - 90), Reading(_ORDER), 900, None, "columns") is None
     assert check_coverage(_words(codes), Reading(_ORDER), 1024, None, "columns") is None
+
+
+_CODES = np.tile(np.arange(900).repeat(2), (40, 1))
+
+
+def _with_bits(change):
+    """Return words of ten bits, most significant first, whose bits (10, …) were changed."""
+    words = _words(_CODES)
+    bits = [(words >> (9 - place)) & 1 for place in range(10)]
+    changed = change(bits)
+    return sum(bit << (9 - place) for place, bit in enumerate(changed))
+
+
+@pytest.mark.parametrize("place", [4, 6, 7])
+def test_one_frame_that_is_inverted(place):
+    words = _with_bits(lambda bits: [*bits[:place], 1 - bits[place], *bits[place + 1 :]])
+    found = check_neighbours(words, Reading(_ORDER), _ORDER, "columns")
+    assert found.is_error
+    assert f"exchanged in frame {place} alone" in found.explanation
+
+
+@pytest.mark.parametrize("place", [3, 5, 9])
+def test_a_white_frame_among_the_bits(place):
+    words = _with_bits(lambda bits: [*bits[:place], 0 * bits[0] + 1, *bits[place + 1 :]])
+    assert f"frame {place} is the same everywhere" in check_bits(words, _ORDER, "columns").found
+
+
+def test_a_frame_given_twice():
+    words = _with_bits(lambda bits: [*bits[:5], bits[4], *bits[6:]])
+    assert "frames 4 and 5 show the same" in check_bits(words, _ORDER, "columns").found
+
+
+@pytest.mark.parametrize("window", [slice(0, 900), slice(300, 620), slice(500, 530)])
+def test_bits_of_a_part_of_the_projector(window):
+    words = _words(np.tile(np.arange(900)[window].repeat(6), (8, 1)))
+    assert check_bits(words, _ORDER, "columns") is None
+
+
+def test_white_and_black_exchanged():
+    white = np.full(1000, 180.0)
+    assert check_exchanged(white, white - 160, 20.0) is None
+    assert check_exchanged(white, white + 1, 20.0) is None
+    found = check_exchanged(white - 160, white, 20.0)
+    assert "exchanged" in found.explanation

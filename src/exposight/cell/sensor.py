@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import Field
 
 from exposight.contradictions import Contradiction, settle
-from exposight.contradictions.rigs import baseline
+from exposight.contradictions.rigs import axes_crossing, baseline
 from exposight.errors import SensorError, did_you_mean
 from exposight.files import DocumentFormat, StoredAs, read_text, write_durably
 from exposight.geometry import PinholeCamera, RigidTransform
@@ -179,6 +179,15 @@ class ActiveSensor:
         found = [
             baseline(
                 float(np.linalg.norm(pose.translation_mm)),
+                f"{what} of sensor {self.name!r}",
+                self.working_distance_mm,
+            )
+            for what, pose in devices.items()
+        ]
+        found += [
+            axes_crossing(
+                pose.rotation,
+                pose.translation_mm,
                 f"{what} of sensor {self.name!r}",
                 self.working_distance_mm,
             )

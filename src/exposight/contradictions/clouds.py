@@ -262,8 +262,8 @@ clouds less even than that, thinning does not."""
 _COARSEST = 8
 _ON_GRID = 0.8
 """Length of the mean of exp(2πi·u/k) over points k pixels apart is 1, over others about 0."""
-_DARK, _BRIGHT = 30.0, 130.0
-"""Grey levels between which any surface gives points on most pixels."""
+_DARK, _BRIGHT = 60.0, 200.0
+"""Brightest grey levels of a pixel between which any surface gives points on most pixels."""
 
 
 def thinner_than_image(
@@ -279,7 +279,7 @@ def thinner_than_image(
     pixels : (n, 2) ndarray, px
         Where its points project to, those outside the image left out.
     grey : (n,) ndarray, 0–255
-        The image there.
+        The brightest that any frame has there.
     """
     if len(pixels) < _FEWEST_BLOCKS:
         return None

@@ -32,6 +32,8 @@ class Reading(NamedTuple):
     """Which bit stands at each place, most significant first."""
     binary: bool = False
     inverted: bool = False
+    flipped: int = -1
+    """Which bit alone is inverted; −1 for none."""
 
 
 def read_codes(words: NDArray[np.int64], reading: Reading) -> NDArray[np.int64]:
@@ -48,7 +50,8 @@ def read_codes(words: NDArray[np.int64], reading: Reading) -> NDArray[np.int64]:
     code = np.zeros_like(words)
     bit = np.zeros_like(words)
     for place in reading.order:
-        shown = ((words >> (n - 1 - place)) & 1) ^ int(reading.inverted)
+        inverted = reading.inverted != (place == reading.flipped)
+        shown = ((words >> (n - 1 - place)) & 1) ^ int(inverted)
         bit = shown if reading.binary else bit ^ shown
         code = 2 * code + bit
     return code
@@ -106,10 +109,16 @@ def _readings(said: Reading) -> list[Reading]:
     return list(dict.fromkeys([said, *ways]))
 
 
-def _best_swap(pairs: NDArray[np.int64], said: Reading, jump: float) -> Reading:
-    """Return the reading with two bits exchanged that makes nearly all far jumps short, or `said`.
+def _swapped(said: Reading, a: int, b: int) -> Reading:
+    order = list(said.order)
+    order[a], order[b] = order[b], order[a]
+    return said._replace(order=tuple(order))
 
-    Two coarse bits that changed places show at their few edges only.
+
+def _best_repair(pairs: NDArray[np.int64], said: Reading, jump: float) -> Reading:
+    """Return the reading that makes nearly all far jumps short, or `said`.
+
+    Two coarse bits that changed places, or one that is inverted, show at their few edges only.
     """
     codes = read_codes(pairs, said)
     far = np.abs(codes[0] - codes[1]) > 2.0 ** (jump + 2.0)
@@ -119,12 +128,9 @@ def _best_swap(pairs: NDArray[np.int64], said: Reading, jump: float) -> Reading:
         return said
     thin = pairs[:, far][:, :: max(1, count // 500)]
 
-    def swapped(a: int, b: int) -> Reading:
-        order = list(said.order)
-        order[a], order[b] = order[b], order[a]
-        return said._replace(order=tuple(order))
-
-    tried = [swapped(a, b) for a, b in combinations(range(len(said.order)), 2)]
+    tried = [_swapped(said, a, b) for a, b in combinations(range(len(said.order)), 2)]
+    if not said.binary:
+        tried += [said._replace(flipped=place) for place in said.order[1:]]
     best = min(tried, key=lambda reading: mean_jump(thin, reading))
     first, second = read_codes(pairs, best)
     still_far = np.count_nonzero(np.abs(first - second) > 2.0 ** (jump + 2.0))
@@ -162,7 +168,7 @@ def check_neighbours(
     smallest = tried[best]
     is_better = _is_better(pairs, best, said, (smallest, jump))
     if not is_better:
-        best = _best_swap(pairs, said, jump)
+        best = _best_repair(pairs, said, jump)
         smallest = mean_jump(pairs, best)
         is_better = best != said
     compared = f"codes of the {axis} in neighbouring pixels"
@@ -199,10 +205,82 @@ def _name(best: Reading, said: Reading, frames: Sequence[int]) -> str:
             "light and dark are exchanged: the inverse frames come first, or white and black are "
             "exchanged"
         )
+    if best.flipped >= 0:
+        reasons.append(f"light and dark are exchanged in frame {frames[best.flipped]} alone")
     if best.binary != said.binary:
         kind = "plain binary, not Gray code" if best.binary else "Gray code, not plain binary"
         reasons.append(f"the bits are {kind}")
     return "; ".join(reasons)
+
+
+_SAME, _CHANGES = 0.999, 0.02
+_BLOCKS, _FILLED = 3, 10
+"""So many runs of one value of the coarser bits, of so many pixels each, hold an edge of a bit."""
+
+
+def check_bits(words: NDArray[np.int64], frames: Sequence[int], axis: str) -> Contradiction | None:
+    """Check that each frame of a code shows a bit of its own.
+
+    Parameters
+    ----------
+    words, frames, axis
+        As `check_neighbours`.
+
+    Returns
+    -------
+    Contradiction or None
+        ``neighbouring-codes``: a frame that is the same everywhere though it cannot be, as a white
+        one is, or two that show the same.
+    """
+    known = words[words >= 0]
+    if known.size < _LEAST_PAIRS:
+        return None
+    known = known[:: max(1, known.size // _MOST_PAIRS)]
+    n = len(frames)
+    bits = ((known[:, None] >> np.arange(n)[::-1]) & 1).astype(np.bool_)
+    share = bits.mean(axis=0)
+    rare = np.minimum(share, 1.0 - share)
+    found = ""
+    for place in range(n):
+        # Between two edges of the coarser bits lies one of this bit.
+        _, blocks = np.unique(known >> (n - place), return_counts=True)
+        if rare[place] < 1.0 - _SAME and np.count_nonzero(blocks >= _FILLED) >= _BLOCKS:
+            found = f"frame {frames[place]} is the same everywhere, though coarser bits change"
+    for a, b in combinations(np.flatnonzero(rare > _CHANGES).tolist(), 2):
+        if np.mean(bits[:, a] == bits[:, b]) > _SAME:
+            found = f"frames {frames[a]} and {frames[b]} show the same"
+    if not found:
+        return None
+    return Contradiction(
+        check="neighbouring-codes",
+        compared=f"the bits of the {axis} with one another",
+        found=found,
+        explanation="check which frames are the bits: one may be missing, or be a white one",
+    )
+
+
+def check_exchanged(
+    white: NDArray[np.floating], black: NDArray[np.floating], least: float
+) -> Contradiction | None:
+    """Check that the white frame is brighter than the black one.
+
+    Parameters
+    ----------
+    white, black : ndarray
+        Grey levels of the same pixels.
+    least : float
+        Difference from which on a pixel counts.
+    """
+    difference = np.asarray(white, dtype=np.float64) - black
+    lit = np.abs(difference) >= least
+    if np.count_nonzero(lit) < _LEAST_PAIRS or np.mean(difference[lit] < 0) < 0.9:
+        return None
+    return Contradiction(
+        check="neighbouring-codes",
+        compared="the white frame against the black one",
+        found=f"{100 * float(np.mean(difference[lit] < 0)):.0f} % of the pixels are darker in it",
+        explanation="white_frame and black_frame are exchanged",
+    )
 
 
 def check_coverage(
@@ -222,8 +300,8 @@ def check_coverage(
     Returns
     -------
     Contradiction or None
-        ``code-range``: an error where codes beyond the projector are read, a warning where the
-        frames allow other first codes and nobody said which.
+        ``code-range``: codes beyond the projector are read, or the frames allow centred codes and
+        nobody said which code comes first.
     """
     supported = _supported(words, said)
     if supported.size < _LEAST_PAIRS:
@@ -259,9 +337,9 @@ def check_coverage(
             ),
             explanation=(
                 f"the frames allow {fits[0]} to {fits[1]}, and many programs centre the codes: "
-                f"first_code = {centred}; say it (or first_code = 0), for all points move with it"
+                f"first_code = {centred}; say it (or first_code = 0): all coordinates differ by "
+                f"{centred} codes"
             ),
-            is_error=False,
         )
     return None
 

@@ -2,9 +2,12 @@
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from exposight.contradictions.contradiction import Contradiction
 
-BASELINE = "baseline"
+BASELINE, CROSSING = "baseline", "axes-crossing"
 
 _CLOSEST_MM = 2.0
 """No lenses stand nearer to each other: the smallest stereo modules have baselines of 10 mm."""
@@ -63,6 +66,58 @@ def baseline(
                 is_error=False,
             )
     return None
+
+
+_LEAST_ANGLE_DEG = 3.0
+_BESIDE = 3.0
+"""Devices are turned towards each other to measure where their axes cross, within this factor."""
+
+
+def axes_crossing(
+    rotation: NDArray[np.float64],
+    translation_mm: NDArray[np.float64],
+    what: str,
+    working_distance_mm: tuple[float, float],
+) -> Contradiction | None:
+    """Check that two devices which are turned towards each other look where the sensor measures.
+
+    Parameters
+    ----------
+    rotation, translation_mm : (3, 3) and (3,) ndarray
+        Pose of the second device in the first one's frame, mm.
+    what : str
+        Which devices.
+    working_distance_mm : (float, float), mm
+        From where to where the sensor measures.
+    """
+    axis = rotation[:, 2]
+    if np.degrees(np.arccos(np.clip(axis[2], -1.0, 1.0))) < _LEAST_ANGLE_DEG:
+        return None
+    # The point on the first axis that is nearest to the second one.
+    across = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
+    crossing_mm = float(across @ translation_mm) / float(across[2])
+    near, far = working_distance_mm
+    if near / _BESIDE <= crossing_mm <= far * _BESIDE:
+        return None
+    compared = f"where the axes of {what} cross, against the working distance"
+    if crossing_mm <= 0.0:
+        return Contradiction(
+            check=CROSSING,
+            compared=compared,
+            found="they cross behind the first",
+            explanation="has the translation the wrong sign, or are rotation and translation those "
+            "of the inverse pose?",
+            is_error=False,
+        )
+    units = {"cm": 10.0, "inches": 25.4, "m": 1000.0, "µm": 0.001}
+    fits = [unit for unit, mm in units.items() if near <= crossing_mm * mm <= far]
+    return Contradiction(
+        check=CROSSING,
+        compared=compared,
+        found=f"at {_length(crossing_mm)}, and it measures from {near:g} to {far:g} mm",
+        explanation=f"is the translation in {fits[0]}?" if fits else "check the pose and its unit",
+        is_error=False,
+    )
 
 
 def _length(mm: float) -> str:

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from exposight.cell import Image
 from exposight.contradictions import Contradiction
-from exposight.contradictions.codes import Reading, check_coverage, check_neighbours
+from exposight.contradictions.codes import (
+    Reading,
+    check_bits,
+    check_coverage,
+    check_exchanged,
+    check_neighbours,
+)
 from exposight.contradictions.fringe_sets import FringeSet, check_fringe_set
 from exposight.contradictions.greys import check_greys
 from exposight.contradictions.intersections import Meeting, check_intersections
@@ -65,6 +71,13 @@ def frame_contradictions(
         stack.frames, stack.full_scale, clips_at=stack.clipping_level, scaled=stack.emulated
     )
     lines = (line_pairs(stack, vertical=False), line_pairs(stack, vertical=True))
+    if sequence.white_frame is not None and sequence.black_frame is not None:
+        white, black = (lines[0].frames[f] for f in (sequence.white_frame, sequence.black_frame))
+        least = 2.0 * limits.min_modulation / lines[0].scale
+        exchanged = check_exchanged(white, black, max(least, 1e-6))
+        if exchanged is not None:
+            yield exchanged
+            return
     for axis, coding, size in sequence.axes():
         along = max(lines, key=lambda each: _changes(each, sequence, coding, limits))
         yield from _axis_contradictions(along, sequence, coding, axis, size, limits)
@@ -167,7 +180,9 @@ def _axis_contradictions(
         words = _words(lines, sequence, gray_code, limits)
         is_binary = gray_code.code == "binary"
         reading = Reading(tuple(range(len(gray_code.frames))), binary=is_binary)
-        jumping = check_neighbours(words, reading, gray_code.frames, axis)
+        jumping = check_bits(words, gray_code.frames, axis) or check_neighbours(
+            words, reading, gray_code.frames, axis
+        )
         if jumping is not None:
             yield jumping
             return  # whatever follows from these codes is as wrong

@@ -72,9 +72,11 @@ def capture_contradictions(
         if outside is not None and outside.is_error:
             return
         column, row = np.rint(pixels).astype(np.int64).T
+        brightest = capture.image if capture.stack is None else capture.stack.maximum
         scale = GREY_MAX / capture.full_scale
-        yield clouds.thinner_than_image(pixels, scale * capture.image[row, column])
-    yield from _at_features(views, rows, search)
+        yield clouds.thinner_than_image(pixels, scale * brightest[row, column])
+    # Windows that are matched smear the surface into its holes.
+    yield from _at_features(views, rows, search, sees_holes=len(sensor.cameras) == 1)
     p_norm = np.array([np.nan if row.p_norm is None else row.p_norm for row in rows])
     if not computed:
         i_avg = np.array([np.nan if row.i_avg is None else row.i_avg for row in rows])
@@ -158,7 +160,11 @@ def _where_features_are(
 
 
 def _at_features(
-    views: Sequence[masks.FeatureView], rows: Sequence[Observation], search: PointSearch
+    views: Sequence[masks.FeatureView],
+    rows: Sequence[Observation],
+    search: PointSearch,
+    *,
+    sees_holes: bool,
 ) -> Iterator[Contradiction | None]:
     """Compare points with the planes of features, and with the holes in them."""
     filled, names, off = [], [], []
@@ -178,7 +184,7 @@ def _at_features(
         plane_mm = float(np.median(height[in_ring]))
         off.append(-plane_mm)
         share = (_INNER * radius_mm) ** 2 / (region.outer_mm**2 - region.inner_mm**2)
-        if view.feature.kind == "hole" and row.n_pixels * share >= _FEWEST_PIXELS:
+        if sees_holes and view.feature.kind == "hole" and row.n_pixels * share >= _FEWEST_PIXELS:
             inner = (r <= _INNER * radius_mm) & (np.abs(height - plane_mm) <= _SURFACE_MM)
             filled.append(float(inner.sum()) / (row.n_pixels * share))
             names.append(row.feature)
