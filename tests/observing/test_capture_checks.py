@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exposight.cell import Cloud, MemoryCampaign, Part
-from exposight.errors import ContradictionError, ObservationError
+from exposight.errors import ContradictionError, InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.observing import observe_campaign
 
@@ -181,3 +181,8 @@ def test_points_in_a_black_image(sensor, capture, part):
     black = replace(capture, image=np.zeros_like(capture.image), camera_from_part=TURNED)
     campaign = MemoryCampaign(name="c", sensor=sensor, part=part, captures=[black])
     assert checks(observe_campaign(campaign)) == ["points-in-the-dark"]
+
+
+def test_a_check_that_there_is_not(observed):
+    with pytest.raises(InputError, match="did you mean 'own-pixels'"):
+        observed(despite=("own-pixel",))

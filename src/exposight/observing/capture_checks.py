@@ -18,6 +18,14 @@ from exposight.observing import masks
 from exposight.observing.point_search import PointSearch
 from exposight.observing.schema import Observation
 
+CAPTURE_CHECKS = (
+    *("saturation-spike", "grey-levels", "mosaic"),
+    *(clouds.OWN_PIXELS, clouds.BEHIND, clouds.THINNER),
+    *(rings.TOO_MANY, rings.ELSEWHERE),
+    *(places.NO_HOLE, places.SMALL, places.OFF_PLANE, places.OUTSIDE, places.DARK),
+)
+"""Names of the checks of captures; see ``docs/contradictions.md``."""
+
 _SAMPLE = 4096
 """Points of a cloud that are held against their pixels: a median of so many is good to a few %."""
 _RING_SAMPLE = 200

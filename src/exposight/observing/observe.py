@@ -19,11 +19,12 @@ import numpy as np
 
 from exposight import cell
 from exposight.contradictions import Contradiction, clouds, rings, settle
+from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError, ContradictionError, InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
-from exposight.observing.capture_checks import capture_contradictions
+from exposight.observing.capture_checks import CAPTURE_CHECKS, capture_contradictions
 from exposight.observing.point_search import PointSearch, point_search
 from exposight.observing.readings import reading_that_fits, why_not_visible
 from exposight.observing.ring_geometry import ring_geometry
@@ -82,6 +83,11 @@ class Observer:
     despite : collection of str
         Names of checks whose errors are accepted (`exposight.contradictions`).
 
+    Raises
+    ------
+    InputError
+        If a check of that name does not exist.
+
     Attributes
     ----------
     contradictions : tuple of Contradiction
@@ -97,6 +103,7 @@ class Observer:
         despite: Collection[str] = (),
     ) -> None:
         self._part, self._sensor, self._tolerance = part, sensor, tolerance
+        check_names(despite, CAPTURE_CHECKS)
         self._despite = despite
         self.contradictions: tuple[Contradiction, ...] = ()
         self._pose: RigidTransform | None = None

@@ -1,4 +1,4 @@
-"""``exposight decode --guess``: frames alone to a sequence's file, and to points."""
+"""``exposight decode``: frames to points and their noise; frames alone to a sequence."""
 
 import cv2
 import numpy as np
@@ -110,3 +110,50 @@ def test_photographs_of_different_things_are_no_patterns_either(tmp_path, run):
     result = run("decode", folder, "--guess")
     assert result.exit_code == 1
     assert "patterns" in result.stderr
+
+
+_SEQUENCE = """name = "two fringes"
+projector_width = 512
+projector_height = 384
+
+[[columns.fringes]]
+periods = 1
+frames = {coarse}
+
+[[columns.fringes]]
+periods = 16
+frames = {fine}
+"""
+
+
+def _two_fringes(tmp_path, coarse, fine):
+    """Write a recording of two fringes and return the words of the call that decodes it."""
+    folder = _write(tmp_path / "frames", _frames([1, 16]))
+    path = tmp_path / "s.toml"
+    unused = sorted(set(range(8)) - {*coarse, *fine})
+    path.write_text(f"unused_frames = {unused}\n" + _SEQUENCE.format(coarse=coarse, fine=fine))
+    return ("decode", folder, "-s", path, "-c", tmp_path / "calibration.yml")
+
+
+def test_the_standard_deviation_of_each_point_is_written(tmp_path, calibration, run_json):
+    call = _two_fringes(tmp_path, [0, 1, 2, 3], [4, 5, 6, 7])
+    document = run_json(*call, "-o", tmp_path / "cloud.ply")
+    cloud = read_cloud(tmp_path / "cloud.ply")
+    sigma = np.nanmedian(cloud.sigma_z_mm)
+    assert document["sigma_z_mm"] == pytest.approx(sigma, rel=1e-3)
+    error = (cloud.points[..., 2] - _depth_mm())[np.abs(_CAMERA.rays()[..., 0]) > 0.15]
+    error = error[np.isfinite(error)]
+    assert sigma == pytest.approx(np.subtract(*np.percentile(error, [84, 16])) / 2, rel=0.15)
+
+
+def test_what_three_steps_do_not_tell_is_said(tmp_path, calibration, run_json):
+    call = _two_fringes(tmp_path, [0, 1, 2], [4, 5, 6])
+    path = tmp_path / "s.toml"
+    path.write_text(path.read_text() + "shifts_deg = [0, 90, 180]\n")
+    path.write_text(
+        path.read_text().replace("[0, 1, 2]\n", "[0, 1, 2]\nshifts_deg = [0, 90, 180]\n")
+    )
+    silent = run_json(*call)
+    assert silent.get("sigma_z_mm") is None
+    assert any("grey_noise" in note or "grey-noise" in note for note in silent["notes"])
+    assert run_json(*call, "--grey-noise", 1.0)["sigma_z_mm"] > 0
