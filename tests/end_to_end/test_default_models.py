@@ -94,7 +94,7 @@ def test_another_finish_keeps_the_limits(default_models, changed, tmp_path, run)
         ({"sensor": pl.when(pl.col("view") == "z600").then(pl.lit("a")).otherwise(pl.lit("b"))},
          (), 1, "the rows are of more than one sensor"),
         ({"p_norm": pl.lit(None, pl.Float64)}, (), 1, "it needs measured observations"),
-        ({}, ("-m", "q_k1", "--mean", "camera"), 2, "--from and --mean are of the default models"),
+        ({}, ("-m", "q_k1", "--mean", "camera"), 2, "are of the default models"),
         ({}, ("-m", "qualty"), 1, "did you mean 'quality'?"),
         ({}, ("--mean", "lamp"), 2, "lamp"),
     ],

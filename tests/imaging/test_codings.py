@@ -139,11 +139,19 @@ def test_a_pixel_of_which_the_code_does_not_know_the_period_is_ambiguous():
     gray = GrayCode(frames=(4, 5, 6, 7), code_width=16)
     sequence = sequence_of(AxisCoding(gray_code=gray, fringes=(WIDE,)))
     column = np.linspace(32.0, 47.0, 16)[None]  # one code from edge to edge, without its edges
-    decoded = decode(recorded(sequence, column), sequence)
+    stack = recorded(sequence, column)
+    decided = decode(stack, sequence)
+    assert decided.valid.all()
+    assert np.abs(decided.column - column).max() < 0.1
+    # Stripes out of focus: where a bit is weak the pixel may belong to the next code.
+    frames = stack.frames.astype(float)
+    middle = frames[0:4].mean(axis=0)[:, [0, 1, -1]]
+    frames[7, :, [0, 1, -1]] = (0.8 * middle + 0.2 * frames[7][:, [0, 1, -1]]).T
+    soft = decode(replace(stack, frames=np.rint(frames).astype(np.uint8)), sequence)
     near_an_edge = np.minimum(column - 31.5, 47.5 - column) < 0.1 * 16 - 0.2
-    assert decoded.flagged(PixelFlag.AMBIGUOUS)[near_an_edge].all()
-    assert np.nanmax(np.abs(decoded.column - column)) < 0.1
-    assert decoded.valid.sum() >= 12
+    assert soft.flagged(PixelFlag.AMBIGUOUS)[near_an_edge].all()
+    assert np.nanmax(np.abs(soft.column - column)) < 0.1
+    assert soft.valid.sum() >= 12
 
 
 def test_fringe_and_code_that_contradict_each_other_are_flagged():

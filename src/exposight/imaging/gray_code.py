@@ -25,18 +25,23 @@ from exposight.imaging.decoded import (
 from exposight.imaging.frames import Levels, Light
 from exposight.imaging.sequences import PatternSequence
 
+_DECIDED = 0.6
+"""Share of a pixel's contrast that each of its bits has: a fifth of it may lie beyond an edge."""
+
 
 class CodeMap(NamedTuple):
     """What a Gray code says of every pixel.
 
     `coordinate` (px, NaN where there is none), `modulation` and `flags` are those of an `AxisMap`.
-    `is_located` is false where the coordinate is the code's centre, known to ± `half_code` px.
+    `is_located` is false where the coordinate is the code's centre, known to ± `half_code` px;
+    `is_decided` is true where no bit is near its threshold: the pixel does not straddle an edge.
     """
 
     coordinate: NDArray[np.float64]
     modulation: NDArray[np.float32]
     flags: NDArray[np.uint8]
     is_located: NDArray[np.bool_]
+    is_decided: NDArray[np.bool_]
     half_code: float
 
 
@@ -87,6 +92,7 @@ def decode_gray_code(
     code = np.empty(shape, dtype=np.int32)
     modulation = np.empty(shape, dtype=np.float32)
     flags = np.empty(shape, dtype=np.uint8)
+    is_decided = np.empty(shape, dtype=np.bool_)
     _read_codes(
         frames,
         bits,
@@ -104,6 +110,7 @@ def decode_gray_code(
         code,
         modulation,
         flags,
+        is_decided,
     )
     coordinate, is_located = np.empty(shape), np.empty(shape, dtype=np.bool_)
     place = (frames, code, twice_threshold, coordinate, is_located)
@@ -127,7 +134,7 @@ def decode_gray_code(
         at,
         located,
     )
-    return CodeMap(coordinate, modulation, flags, is_located, 0.5 * width)
+    return CodeMap(coordinate, modulation, flags, is_located, is_decided, 0.5 * width)
 
 
 def _twice_threshold(
@@ -219,6 +226,7 @@ def _read_codes(
     code: NDArray[np.int32],
     modulation: NDArray[np.float32],
     flags: NDArray[np.uint8],
+    is_decided: NDArray[np.bool_],
 ) -> None:
     """Fill code (−1 where there is none), modulation and flags of every pixel."""
     n_bits, n_inverses = bits.size, inverses.size
@@ -250,13 +258,15 @@ def _read_codes(
                 if white < 0:
                     contrast = max(contrast, abs(signals[b]))
             modulation[r, c] = max(0.0, 0.5 * contrast * scale)
-            value, bit, undecided = 0, 0, 0
+            value, bit, undecided, decided = 0, 0, 0, True
             for b in range(n_bits):
                 if is_binary:
                     bit = 0
                 if signals[b] > 0.0:
                     bit ^= 1
                 value = 2 * value + bit
+                if abs(signals[b]) < _DECIDED * contrast:
+                    decided = False
                 if abs(signals[b]) < min_bit_contrast * contrast:
                     # Of a binary code only the last bit changes alone.
                     undecided += 2 if is_binary and b < n_bits - 1 else 1
@@ -271,6 +281,7 @@ def _read_codes(
                 value = -1
             code[r, c] = value
             flags[r, c] = flag
+            is_decided[r, c] = decided
 
 
 @njit(parallel=True, error_model="numpy")

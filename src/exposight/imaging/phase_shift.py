@@ -75,6 +75,7 @@ def decode_fringes(
         modulation=np.full(light.image_shape, np.inf, dtype=np.float32),
         flags=np.zeros(light.image_shape, dtype=np.uint8),
         is_located=np.empty((0, 0), dtype=np.bool_),
+        is_decided=np.empty((0, 0), dtype=np.bool_),
         half_code=0.0,
     )
     coordinate = np.empty(light.image_shape)
@@ -90,6 +91,7 @@ def decode_fringes(
         ladder.n_checks,
         known.coordinate,
         known.is_located,
+        known.is_decided,
         known.half_code,
         size,
         cyclic,
@@ -102,6 +104,10 @@ def decode_fringes(
         known.flags,
     )
     return AxisMap(coordinate, known.modulation, known.flags)
+
+
+_BEYOND = 0.05
+"""Periods by which phase and the code's border may differ for noise."""
 
 
 @njit(inline="always", error_model="numpy")
@@ -118,7 +124,8 @@ def _unwrap_pixel(
 ) -> tuple[float, bool]:
     """Unwrap one pixel's phases (in periods) step by step; return coordinate and ambiguity.
 
-    `uncertain` is how far the true coordinate may lie on either side of the coarse one, in px.
+    `uncertain` is how far the true coordinate may lie on either side of the coarse one, in px;
+    below 0 where it surely lies no farther.
     """
     ambiguous = False
     for i in range(periods_px.size):
@@ -139,7 +146,9 @@ def _unwrap_pixel(
             # Within the code's width everything agrees, unless the next period lies there as well:
             # then its order is a toss-up.
             share = uncertain / periods_px[0]
-            if share > 0.0:
+            if share < 0.0:
+                limit = max(limit, _BEYOND - share)
+            elif share > 0.0:
                 limit = min(share + 0.5 - max_residual, 0.5 + max_residual - share)
         ambiguous |= residual > limit
         if i < periods_px.size - n_checks:
@@ -160,6 +169,7 @@ def _unwrap(
     n_checks: int,
     coarse: NDArray[np.float64],
     is_located: NDArray[np.bool_],
+    is_decided: NDArray[np.bool_],
     half_code: float,
     size: int,
     cyclic: bool,
@@ -197,7 +207,7 @@ def _unwrap(
             if coarse.size:
                 absolute = coarse[r, c]
                 if not is_located[r, c]:
-                    uncertain = half_code
+                    uncertain = -half_code if is_decided[r, c] else half_code
             flags[r, c] = flag
             if flag & (LOW_MODULATION | CLIPPED) or np.isnan(absolute):
                 continue
