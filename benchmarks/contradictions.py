@@ -278,7 +278,18 @@ def overhead() -> list[Figure]:
         list(frame_contradictions(stack, sequence, limits))
         list(capture_contradictions(capture, sensor, views, rows, search))
 
-    decoding = best_of(7, lambda: decode(stack, sequence, limits, checked=False))
+    projector = rig.projector
+    projector_from_camera = rig.projector_from_camera
+
+    def to_cloud() -> None:
+        triangulate(
+            decode(stack, sequence, limits, checked=False),
+            camera=camera,
+            projector=projector,
+            projector_from_camera=projector_from_camera,
+        )
+
+    decoding = best_of(7, to_cloud)
     observing, checking = best_of(7, observe), best_of(7, check)
     whole = decoding.wall_s + observing.wall_s
     return [

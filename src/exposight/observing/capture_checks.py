@@ -32,6 +32,8 @@ _RING_SAMPLE = 200
 _INNER = 0.8
 """Of a hole's radius: its rim may be chamfered, and lie a pixel beside."""
 _FEWEST_PIXELS = 12
+_BOX_SAMPLE = 900
+"""Points round a feature that are looked at: a tenth of them lies in a small hole."""
 _DENSE = 0.5
 _SURFACE_MM = 1.0
 """Points of a hole's ground or wall lie deeper."""
@@ -180,6 +182,9 @@ def _at_features(
         if row.p_norm is None or row.n_pixels is None or row.p_norm < _DENSE:
             continue
         points, _ = search.raster(view)
+        step = max(1, int(np.sqrt(points.shape[0] * points.shape[1] / _BOX_SAMPLE)))
+        down = step if points.shape[0] > 1 else 1
+        points, of_all = points[::down, ::step], down * step
         there = points[np.isfinite(points[..., 0])].astype(np.float64)
         x, y, z = view.camera_from_feature.inverse().apply(there).T
         region, radius_mm = view.region, view.feature.radius_mm
@@ -192,9 +197,10 @@ def _at_features(
         plane_mm = float(np.median(height[in_ring]))
         off.append(-plane_mm)
         share = (_INNER * radius_mm) ** 2 / (region.outer_mm**2 - region.inner_mm**2)
-        if sees_holes and view.feature.kind == "hole" and row.n_pixels * share >= _FEWEST_PIXELS:
+        n_inner = row.n_pixels * share / of_all
+        if sees_holes and view.feature.kind == "hole" and n_inner >= _FEWEST_PIXELS:
             inner = (r <= _INNER * radius_mm) & (np.abs(height - plane_mm) <= _SURFACE_MM)
-            filled.append(float(inner.sum()) / (row.n_pixels * share))
+            filled.append(float(inner.sum()) / n_inner)
             names.append(row.feature)
     yield places.holes(np.array(filled), names)
     yield places.small_features(np.array([view.feature.radius_mm for view in views]))
