@@ -43,7 +43,7 @@ from exposight.imaging import (
     sequence_named_or_read,
     triangulate,
 )
-from exposight.imaging.consistency import frame_contradictions
+from exposight.imaging.consistency import frame_contradictions, map_contradiction
 from exposight.observing import observe_capture, point_search, view_features
 from exposight.observing.capture_checks import capture_contradictions
 from exposight.observing.observe import Observer
@@ -270,12 +270,15 @@ def overhead() -> list[Figure]:
     search = point_search(plate.cloud, camera)
     rows = observe_capture(capture, views, search)
 
+    decoded = decode(stack, sequence, limits, checked=False)
+
     def observe() -> None:
         views = view_features(part, sensor, plate.camera_from_part)
         observe_capture(capture, views, point_search(plate.cloud, camera))
 
     def check() -> None:
         list(frame_contradictions(stack, sequence, limits))
+        map_contradiction(decoded, camera, projector, projector_from_camera)
         list(capture_contradictions(capture, sensor, views, rows, search))
 
     projector = rig.projector

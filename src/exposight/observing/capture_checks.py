@@ -105,7 +105,7 @@ def _on_own_pixels(points: NDArray[np.float32], sensor: ActiveSensor) -> Contrad
     if grid_ratio((rows, columns), (camera.height, camera.width)) is None:
         return None
     camera = grid_camera(camera, (rows, columns), points)
-    step = max(1, int(np.sqrt(points.shape[0] * points.shape[1] / (4 * _SAMPLE))))
+    step = max(1, int(np.sqrt(points.shape[0] * points.shape[1] / _SAMPLE)))
     sampled = points[step // 2 :: step, step // 2 :: step]
     valid = np.isfinite(sampled[..., 0])
     row, column = np.nonzero(valid)
