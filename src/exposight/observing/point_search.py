@@ -10,6 +10,7 @@ testing every point would.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -28,6 +29,9 @@ from exposight.geometry import (
 from exposight.observing.masks import FeatureView
 
 _NO_SIGMA = np.empty((1, 0), dtype=np.float32)
+
+_LARGE = 200_000
+"""Points from which on projecting all of them once costs less than those near each feature."""
 
 _STRAY_PX = 1.0
 """How far beside its pixel a point may lie to be found by it; less than a search box's margin."""
@@ -111,6 +115,10 @@ class PointSearch:
             Empty where not known.
         """
         box, camera = self.box(view), self.camera
+        if self.is_large:
+            points, sigma = self.whole
+            crop = slice(box.top, box.bottom), slice(box.left, box.right)
+            return points[crop], sigma[crop] if sigma.size else _NO_SIGMA
         shape = (box.bottom - box.top, box.right - box.left)
         rows, columns = slice(box.top, box.bottom), slice(box.left, box.right)
         points = np.full((*shape, 3), np.nan, dtype=np.float32)
@@ -131,6 +139,34 @@ class PointSearch:
         points[v, u] = near[inside]
         if self._sigma_by_slice.size:
             sigma[v, u] = self._sigma_by_slice[part.left : part.right][inside]
+        return points, sigma
+
+    @property
+    def is_large(self) -> bool:
+        """True where points are put on the camera's pixels once, and not for each feature."""
+        return self.by_slice is not None and len(self.by_slice) > _LARGE and self.camera is not None
+
+    @cached_property
+    def whole(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The points that all pixels see, (h, w, 3) in mm, and their sigma (`raster`)."""
+        if self.by_slice is None or self.camera is None:
+            return np.asarray(self.by_pixel), self.sigma_by_pixel
+        shape = (self.camera.height, self.camera.width)
+        points, sigma = np.full((*shape, 3), np.nan, dtype=np.float32), _NO_SIGMA
+        if self.by_pixel is not None:
+            points[:] = self.by_pixel
+        if self._sigma_by_slice.size or self.sigma_by_pixel.size:
+            sigma = np.full(shape, np.nan, dtype=np.float32)
+            if self.sigma_by_pixel.size:
+                sigma[:] = self.sigma_by_pixel
+        ahead = self.by_slice[:, 2] > 0
+        near = self.by_slice[ahead]
+        pixels = self.camera.project(near)
+        inside = self.camera.in_frame(pixels)
+        u, v = np.rint(pixels[inside]).astype(np.int64).T
+        points[v, u] = near[inside]
+        if self._sigma_by_slice.size:
+            sigma[v, u] = self._sigma_by_slice[ahead][inside]
         return points, sigma
 
     def _slice(self, view: FeatureView) -> PixelBox:

@@ -80,8 +80,8 @@ def ring_geometry(
     centres = search.camera.project([view.camera_from_feature.translation_mm for view in views])
     measured = np.full((len(views), len(COLUMNS)), np.nan)
     rays, boxes = search.camera.rays(), [search.box(view) for view in views]
-    if search.by_slice is None:
-        points, sigma = np.asarray(search.by_pixel), search.sigma_by_pixel
+    if search.by_slice is None or search.is_large:
+        points, sigma = search.whole
         _measure(
             points, sigma, rays, packed_boxes(boxes), regions, nominal, centres, counts, measured
         )
