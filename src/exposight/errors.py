@@ -68,6 +68,25 @@ class ContradictionError(InputError):
         return type(self)(message, self.contradictions)
 
 
+class AmbiguousError(InputError):
+    """Two readings of an input fit equally well, and the caller must say which it is.
+
+    Parameters
+    ----------
+    message : str
+    readings : tuple of str
+        The answers that fit, as ``--read-as`` takes them: ``decimal=comma``.
+    """
+
+    def __init__(self, message: str, readings: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.readings = readings
+
+    def named(self, message: str) -> Self:
+        """Return the error with another message, which says where it came from."""
+        return type(self)(message, self.readings)
+
+
 class FileError(ExposightError):
     """A file or folder on disk cannot be used."""
 

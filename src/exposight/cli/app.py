@@ -8,6 +8,7 @@ import errno
 import io
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Group, Parameter
@@ -92,6 +93,9 @@ app.meta.suppress_keyboard_interrupt = False
 def _with_common_options(
     *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
     as_json: Annotated[bool, Parameter("--json", group=Group("Output", sort_key=9))] = False,
+    read_as: Annotated[
+        str | None, Parameter(metavar="NAME=ANSWER,…", group=Group("Foreign files", sort_key=8))
+    ] = None,
 ) -> Any:
     """Take the options that every command has.
 
@@ -99,12 +103,24 @@ def _with_common_options(
     ----------
     as_json
         Print one JSON object instead of tables.
+    read_as
+        How foreign files are to be read where two readings fit: decimal=comma, size=diameter,
+        unit=inch, … (docs/formats.md).
     """
-    result = app(tokens)
+    if "--help" in tokens or "-h" in tokens:
+        return app(tokens)
+    # Not above: it brings pydantic, for which nobody who asks for help should wait.
+    from exposight.files import Reading, collected_remarks, reading_as
+
+    with reading_as(Reading.parse(read_as or "")), collected_remarks() as remarks:
+        result = app(tokens)
+    if result is not None and remarks:
+        result = replace(result, recognised=tuple(remarks))
     if result is not None and as_json:
         print_json(result.document())
     elif result is not None:
         result.show()
+    return None
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -89,6 +89,8 @@ class Result:
         Keys and values of the JSON object; lines on a terminal.
     tables : tuple of Table
         Each one is a list of objects in JSON, under its name.
+    recognised : tuple of str
+        What readers recognised in foreign files: separators, units, calibrations' names.
     notes : tuple of str
         Remarks that the reader should not miss.
     contradictions : tuple of Contradiction
@@ -102,6 +104,7 @@ class Result:
     title: str = ""
     facts: tuple[Fact, ...] = ()
     tables: tuple[Table, ...] = ()
+    recognised: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
     files: tuple[Written, ...] = ()
@@ -112,6 +115,7 @@ class Result:
         return {
             **{fact.name: fact.value for fact in self.facts},
             **{table.name: table.frame.to_dicts() for table in self.tables},
+            **({"recognised": self.recognised} if self.recognised else {}),
             "notes": self.notes,
             "contradictions": self.contradictions,
             "files": self.files,
@@ -128,6 +132,8 @@ class Result:
             if self.title or shown or position:
                 _print_line("")
             _print_table(table)
+        for remark in self.recognised:
+            console().print(Text.assemble(("read: ", "bold cyan"), remark))
         for contradiction in self.contradictions:
             marked = Text.assemble(("contradiction: ", "bold red"), str(contradiction))
             console().print(marked)

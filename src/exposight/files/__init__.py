@@ -25,3 +25,11 @@ from exposight.files.durable import (
     sweep_unfinished,
     write_durably,
 )
+from exposight.files.reading import (
+    Reading,
+    ambiguous,
+    collected_remarks,
+    current_reading,
+    reading_as,
+    recognised,
+)
