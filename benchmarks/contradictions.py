@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.contradictions_cases import heterodyne_rig, try_cases
+from benchmarks.contradictions_cases import CASES, heterodyne_rig, try_cases
 from benchmarks.measuring import Figure, at_most, best_of, publish, say
 from benchmarks.plate import flat_plate, many_holes, plate_capture
 from benchmarks.rig import Rig, fringe
@@ -54,7 +54,7 @@ from exposight.twin.cell_settings import SimulatedCellSettings
 def cases() -> list[Figure]:
     """Try the cases, print what came of each, and count."""
     say("trying the cases that users bring")
-    verdicts = list(try_cases())
+    verdicts = list(try_cases(CASES))
     table = Table("case", "call", "outcome", "said", title="cases")
     for verdict in verdicts:
         said = "" if verdict.outcome == "right" else verdict.said[:300]

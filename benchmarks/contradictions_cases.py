@@ -12,8 +12,9 @@ import io
 import json
 import os
 import re
+import shlex
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,7 +40,7 @@ class Attempt:
     Parameters
     ----------
     call : str
-        Words of the command line, separated by blanks.
+        Words of the command line, quoted as for a shell.
     names : str
         Regular expression that an error or contradiction must match; empty where there must be
         none.
@@ -76,10 +77,10 @@ class Verdict:
         return self.outcome in {"right", "named"}
 
 
-def try_cases() -> Iterator[Verdict]:
+def try_cases(cases: Mapping[str, Case]) -> Iterator[Verdict]:
     """Try every attempt of every case, each case in a folder of its own."""
     before = Path.cwd()
-    for name, case in CASES.items():
+    for name, case in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             os.chdir(folder)
             try:
@@ -94,7 +95,7 @@ def _try(case: str, attempt: Attempt) -> Verdict:
     for left in ("cloud.ply", "observations.csv"):
         Path(left).unlink(missing_ok=True)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main([*attempt.call.split(), "--json"])
+        status = main([*shlex.split(attempt.call), "--json"])
     document = json.loads(out.getvalue())
     if status:
         said = str(document["error"]["message"])
@@ -421,18 +422,18 @@ def gamma() -> list[Attempt]:
 
 # -- observing: a plate with four holes ----------------------------------------------------------
 
-_HOLES = {
+HOLES = {
     "h1": (-60.0, -40.0, 6.0),
     "h2": (50.0, -45.0, 8.0),
     "h3": (-55.0, 45.0, 5.0),
     "h4": (62.0, 38.0, 10.0),
 }
-_PLATE = RigidTransform.from_fanuc_wpr([4.0, -3.0, 500.0], 180.0, 8.0, 0.0)
+PLATE = RigidTransform.from_fanuc_wpr([4.0, -3.0, 500.0], 180.0, 8.0, 0.0)
 _USUAL = PinholeCamera(width=640, height=480, fx=800.0, fy=800.0, cx=319.5, cy=239.5)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Plate:
+class Plate:
     """A plate before a camera: what an image and a perfect cloud of it are."""
 
     camera: PinholeCamera = _USUAL
@@ -441,12 +442,12 @@ class _Plate:
 
     def __post_init__(self) -> None:
         rays = np.dstack([self.camera.rays(), np.ones((self.camera.height, self.camera.width))])
-        normal = _PLATE.z_axis
-        points = rays * ((normal @ _PLATE.translation_mm) / (rays @ normal))[..., None]
-        on_plate = _PLATE.inverse().apply(points)
+        normal = PLATE.z_axis
+        points = rays * ((normal @ PLATE.translation_mm) / (rays @ normal))[..., None]
+        on_plate = PLATE.inverse().apply(points)
         x, y = on_plate[..., 0], on_plate[..., 1]
         missing = (np.abs(x) > 110) | (np.abs(y) > 85)
-        for left, up, radius in _HOLES.values():
+        for left, up, radius in HOLES.values():
             missing |= (x - left) ** 2 + (y - up) ** 2 < radius**2
         grey = np.where(np.floor(x / 4) % 2 < 1, 150.0, 40.0) * (1 + x / 1000)
         grey = np.where(missing, 4.0, grey) + np.random.default_rng(0).normal(0, 1, x.shape)
@@ -457,13 +458,13 @@ class _Plate:
     def write(self) -> None:
         """Write image, features, pose, and the camera as ROS does."""
         cv2.imwrite("image.png", self.image)
-        rows = [f"{n},hole,{x},{y},0,0,0,1,{r}" for n, (x, y, r) in _HOLES.items()]
+        rows = [f"{n},hole,{x},{y},0,0,0,1,{r}" for n, (x, y, r) in HOLES.items()]
         header = "name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm"
         Path("features.csv").write_text("\n".join([header, *rows, ""]))
-        np.savetxt("pose.txt", _PLATE.to_matrix())
+        np.savetxt("pose.txt", PLATE.to_matrix())
         write_cloud(Path("full.npy"), Cloud(points=self.points))
         camera_info("camera.yaml", self.camera)
-        _quiet(f"sensor camera.yaml --raw {_SENSOR}")
+        quietly(f"sensor camera.yaml --raw {_SENSOR}")
 
     def is_right(self) -> bool:
         """Tell whether the observations are those of this plate."""
@@ -493,25 +494,31 @@ def camera_info(
     )
 
 
-def _quiet(call: str) -> None:
+def quietly(call: str) -> None:
+    """Call a command whose words are separated by blanks, without its output."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         main(call.split())
 
 
-def _observe(options: str, names: str = "", plate: _Plate | None = None) -> Attempt:
-    call = (
-        "observe --features features.csv --sensor sensor.json --pose pose.txt "
-        f"-o observations.csv {options}"
-    )
-    for option, usual in (("--image", "image.png"), ("--exposure-ms", "10")):
-        if option not in options:
+def observe_attempt(options: str, names: str = "", plate: Plate | None = None) -> Attempt:
+    """Return the attempt to observe the plate with other options than the usual ones."""
+    call = f"observe --sensor sensor.json -o observations.csv {options}"
+    for option, usual in (
+        ("--image", "image.png"),
+        ("--exposure-ms", "10"),
+        ("--features", "features.csv"),
+        ("--cloud", "full.npy"),
+        ("--pose", "pose.txt"),
+    ):
+        given = re.search(rf"{option}\b(?!-)", options)
+        if not given and not (option == "--pose" and re.search("--robot-pose|--flange", options)):
             call += f" {option} {usual}"
     return Attempt(call=call, names=names, right=None if plate is None else plate.is_right)
 
 
 def turned_clouds() -> list[Attempt]:
     """14: clouds as viewers want them, in metres, valid points alone and organised."""
-    plate = _Plate()
+    plate = Plate()
     plate.write()
     attempts = []
     for name, turn in (("gl", (1, -1, -1)), ("flipped", (-1, -1, 1)), ("back", (1, 1, -1))):
@@ -522,24 +529,24 @@ def turned_clouds() -> list[Attempt]:
         write_cloud(Path(f"{name}.ply"), Cloud(points=loose))
         write_cloud(Path(f"{name}-m.ply"), Cloud(points=loose / 1000))
         attempts += [
-            _observe(f"--cloud {name}.npy", names="axes are turned|run the other way"),
-            _observe(f"--cloud {name}.npy --cloud-axes {axes}", plate=plate),
+            observe_attempt(f"--cloud {name}.npy", names="axes are turned|run the other way"),
+            observe_attempt(f"--cloud {name}.npy --cloud-axes {axes}", plate=plate),
         ]
         if turn[2] < 0:
             attempts += [
-                _observe(f"--cloud {name}.ply", names="axes are turned"),
-                _observe(f"--cloud {name}-m.ply", names="in m and its axes|axes are turned"),
-                _observe(f"--cloud {name}-m.ply --cloud-unit m", names="axes are turned"),
+                observe_attempt(f"--cloud {name}.ply", names="axes are turned"),
+                observe_attempt(f"--cloud {name}-m.ply", names="in m and its axes|axes are turned"),
+                observe_attempt(f"--cloud {name}-m.ply --cloud-unit m", names="axes are turned"),
             ]
         attempts.append(
-            _observe(f"--cloud {name}-m.ply --cloud-unit m --cloud-axes {axes}", plate=plate)
+            observe_attempt(f"--cloud {name}-m.ply --cloud-unit m --cloud-axes {axes}", plate=plate)
         )
     return attempts
 
 
 def depth_images() -> list[Attempt]:
     """16: depth images, and the same with a wrong scale."""
-    plate = _Plate()
+    plate = Plate()
     plate.write()
     depth = np.nan_to_num(plate.points[..., 2])
     cv2.imwrite("depth.png", np.rint(depth * 10).astype(np.uint16))
@@ -547,26 +554,26 @@ def depth_images() -> list[Attempt]:
     np.save("depth.npy", depth)
     cv2.imwrite("half.png", np.rint(depth[::2, ::2] * 10).astype(np.uint16))
     return [
-        _observe("--cloud depth.png", names="scale"),
-        _observe("--cloud depth.png --depth-scale 0.1", plate=plate),
-        _observe("--cloud depth.png --depth-scale 1", names="scale|working distance"),
-        _observe("--cloud metres.tiff --depth-scale 1000", plate=plate),
-        _observe("--cloud half.png --depth-scale 0.1", plate=plate),
+        observe_attempt("--cloud depth.png", names="scale"),
+        observe_attempt("--cloud depth.png --depth-scale 0.1", plate=plate),
+        observe_attempt("--cloud depth.png --depth-scale 1", names="scale|working distance"),
+        observe_attempt("--cloud metres.tiff --depth-scale 1000", plate=plate),
+        observe_attempt("--cloud half.png --depth-scale 0.1", plate=plate),
     ]
 
 
 def coarser_clouds() -> list[Attempt]:
     """17: clouds at a fraction of the image's resolution."""
-    plate = _Plate()
+    plate = Plate()
     plate.write()
-    attempts = [_observe("--cloud full.npy", plate=plate)]
+    attempts = [observe_attempt("--cloud full.npy", plate=plate)]
     for step in (2, 4):
         coarse = plate.points[::step, ::step]
         write_cloud(Path(f"every{step}.ply"), Cloud(points=coarse))
         write_cloud(Path(f"loose{step}.ply"), Cloud(points=coarse[np.isfinite(coarse[..., 0])]))
         attempts += [
-            _observe(f"--cloud every{step}.ply", plate=plate),
-            _observe(f"--cloud loose{step}.ply", names="points on every", plate=plate),
+            observe_attempt(f"--cloud every{step}.ply", plate=plate),
+            observe_attempt(f"--cloud loose{step}.ply", names="points on every", plate=plate),
         ]
     return attempts
 
@@ -578,12 +585,12 @@ def rectified_images() -> list[Attempt]:
         width=640, height=480, fx=800.0, fy=800.0, cx=319.5, cy=239.5,
         distortion=(-0.28, 0.11, 0.0005, -0.0003, 0.0),
     )  # fmt: skip
-    plate = _Plate(camera=rectified)
+    plate = Plate(camera=rectified)
     plate.write()
     camera_info("info.yaml", raw, rectified)
     for kind in ("raw", "rectified"):
-        _quiet(f"sensor info.yaml --{kind} {_SENSOR.replace('sensor.json', kind + '.json')}")
-    kept = _observe("--cloud full.npy", plate=plate)
+        quietly(f"sensor info.yaml --{kind} {_SENSOR.replace('sensor.json', kind + '.json')}")
+    kept = observe_attempt("--cloud full.npy", plate=plate)
     return [
         Attempt(call=f"sensor info.yaml {_SENSOR}", names="raw.*rectified"),
         Attempt(call=kept.call.replace("sensor.json", "raw.json"), names="rectified.*905"),
@@ -594,7 +601,7 @@ def rectified_images() -> list[Attempt]:
 
 def stereo_pairs() -> list[Attempt]:
     """24: left and right image of an active stereo camera."""
-    plate, base_mm = _Plate(), 60.0
+    plate, base_mm = Plate(), 60.0
     plate.write()
     rng = np.random.default_rng(5)
     z = np.where(np.isfinite(plate.points[..., 2]), plate.points[..., 2], 520.0)
@@ -609,7 +616,7 @@ def stereo_pairs() -> list[Attempt]:
     camera_info("right.yaml", _USUAL, shift=-_USUAL.fx * base_mm / 1000)
     camera_info("wrong.yaml", _USUAL, shift=-_USUAL.fx * base_mm)
     rest = "--name s --exposures 0.1 20 --working-distance 300 900"
-    _quiet(f"sensor left.yaml right.yaml {rest} -o stereo.json")
+    quietly(f"sensor left.yaml right.yaml {rest} -o stereo.json")
 
     def right() -> bool:
         points = read_cloud(Path("cloud.ply")).points
@@ -631,20 +638,22 @@ def stereo_pairs() -> list[Attempt]:
 
 def exposures_and_depths() -> list[Attempt]:
     """25: an exposure time in other units, an image of 10 bits said to be others."""
-    plate = _Plate()
+    plate = Plate()
     plate.write()
     levels = np.clip(np.rint(plate.image.astype(float) * 1023 / 255), 0, 1023).astype(np.uint16)
     cv2.imwrite("image10.png", levels)
     cloud = "--cloud full.npy"
     return [
-        _observe(cloud, plate=plate),
+        observe_attempt(cloud, plate=plate),
         *(
-            _observe(f"{cloud} --exposure-ms {wrong}", names="ms")
+            observe_attempt(f"{cloud} --exposure-ms {wrong}", names="ms")
             for wrong in ("10000", "0.01", "0")
         ),
-        _observe(f"{cloud} --image image10.png --bit-depth 10", plate=plate),
+        observe_attempt(f"{cloud} --image image10.png --bit-depth 10", plate=plate),
         *(
-            _observe(f"{cloud} --image image10.png --bit-depth {wrong}", names="10|bit depth")
+            observe_attempt(
+                f"{cloud} --image image10.png --bit-depth {wrong}", names="10|bit depth"
+            )
             for wrong in (8, 12, 16)
         ),
     ]

@@ -146,7 +146,9 @@ def test_holes_that_are_elsewhere(observed):
 
 def test_diameters_given_as_radii(observed, part):
     doubled = [replace(each, radius_mm=2 * each.radius_mm) for each in part.features]
-    assert checks(observed(features=replace(part, features=tuple(doubled)))) == ["no-hole"]
+    table = observed(features=replace(part, features=tuple(doubled)))
+    assert checks(table) == ["no-hole"]
+    assert "are the radii diameters" in table.contradictions[0].explanation
 
 
 def test_features_in_metres(observed, part):

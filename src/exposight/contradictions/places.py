@@ -17,18 +17,23 @@ NO_HOLE, SMALL, OFF_PLANE, OUTSIDE, DARK = (
 
 _FILLED = 0.5
 """Of a hole's inner pixels see the surface, at most: a rim that is seen obliquely fills less."""
+_EMPTY = 0.1
 _FEWEST_CLOSED = 2
 """A single hole may have a plug, or a ground just below the surface; most of a view's have not."""
 _FEWEST = 3
 
 
-def holes(filled: NDArray[np.float64], names: Sequence[str]) -> Contradiction | None:
+def holes(
+    filled: NDArray[np.float64], half_filled: NDArray[np.float64], names: Sequence[str]
+) -> Contradiction | None:
     """Check that there are holes where holes are said to be.
 
     Parameters
     ----------
     filled : (n,) ndarray
         Share of each hole's inner pixels that see the surface round it; NaN where not measured.
+    half_filled : (n,) ndarray
+        The same of a hole half as large: of one whose diameter was taken for its radius.
     names : sequence of str
         Of the features.
     """
@@ -39,13 +44,16 @@ def holes(filled: NDArray[np.float64], names: Sequence[str]) -> Contradiction | 
         return None
     which = [name for name, is_closed in zip(names, closed, strict=True) if is_closed]
     most = ", ".join(which[:4]) + (" and others" if n_closed > 4 else "")
+    halved = float(np.median(half_filled[closed])) < _EMPTY
     return Contradiction(
         check=NO_HOLE,
         compared="the surface seen where features are said to be holes, against a hole",
         found=f"{n_closed} of {n_known} holes are filled with points of the surface ({most})",
         explanation=(
-            "are features and pose those of this part, their places and radii in mm, x and y in "
-            "their order, the pose not the inverse one?"
+            "half as large they are holes: are the radii diameters?"
+            if halved
+            else "are features and pose those of this part, their places and radii in mm, x and y "
+            "in their order, the pose not the inverse one?"
         ),
         is_error=False,
     )

@@ -181,7 +181,7 @@ def _at_features(
     sees_holes: bool,
 ) -> Iterator[Contradiction | None]:
     """Compare points with the planes of features, and with the holes in them."""
-    filled, names, off = [], [], []
+    filled, half, names, off = [], [], [], []
     for view, row in zip(views, rows, strict=True):
         if row.p_norm is None or row.n_pixels is None or row.p_norm < _DENSE:
             continue
@@ -203,10 +203,11 @@ def _at_features(
         share = (_INNER * radius_mm) ** 2 / (region.outer_mm**2 - region.inner_mm**2)
         n_inner = row.n_pixels * share / of_all
         if sees_holes and view.feature.kind == "hole" and n_inner >= _FEWEST_PIXELS:
-            inner = (r <= _INNER * radius_mm) & (np.abs(height - plane_mm) <= _SURFACE_MM)
-            filled.append(float(inner.sum()) / n_inner)
+            within = r[np.abs(height - plane_mm) <= _SURFACE_MM]
+            filled.append(float((within <= _INNER * radius_mm).sum()) / n_inner)
+            half.append(4.0 * float((within <= _INNER * radius_mm / 2).sum()) / n_inner)
             names.append(row.feature)
-    yield places.holes(np.array(filled), names)
+    yield places.holes(np.array(filled), np.array(half), names)
     yield places.small_features(np.array([view.feature.radius_mm for view in views]))
     yield places.off_plane(np.array(off))
 
