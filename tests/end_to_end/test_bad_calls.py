@@ -82,7 +82,7 @@ def test_a_table_without_rows(observations, models, tmp_path, failing):
 
 
 def test_a_campaign_where_its_table_is_expected(campaign, tmp_path, failing):
-    message = failing("train", campaign, "-o", tmp_path)
+    message = failing("split", campaign, "-o", tmp_path)
     assert "a campaign's folder, no observation table; `exposight observe` makes" in message
 
 

@@ -40,6 +40,14 @@ def test_two_models_are_trained_and_what_they_found_is_told(campaign, observatio
         assert words in shown
 
 
+def test_a_campaign_is_observed_and_trains(campaign, observations, tmp_path, run_json):
+    told = run_json("train", campaign, "-o", tmp_path)
+    assert told["sensor"] == "small"
+    kept = read_observations(tmp_path / "observations.csv").frame
+    assert kept.equals(read_observations(observations).frame)
+    assert [file["kind"] for file in told["files"]] == ["observations", "model", "model"]
+
+
 def test_the_plates_limits_are_found(default_models):
     # The plate's clouds have points from 20 to 250 grey levels, of a camera without black level.
     model = load_model(default_models / f"quality{SUFFIX}")

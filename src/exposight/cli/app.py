@@ -29,7 +29,7 @@ COMMANDS = {
     "observe": "Measure quality, brightness and pose of every feature in every capture.",
     "merge": "Merge captures of a view at several exposure times into one (HDR).",
     "split": "Split an observation table into training and test data.",
-    "train": "Train models on observations.",
+    "train": "Train models on observations, or on a campaign.",
     "evaluate": "Evaluate models on held-out observations.",
     "predict": "Predict quality or exposure time from poses.",
     "forecast": "Forecast the quality of every visible feature over exposure time.",

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from cyclopts.types import NonNegativeInt, PositiveInt
 
-from exposight.cell import PRESETS, ActiveSensor, sensor_named_or_read
+from exposight.cell import PRESETS, ActiveSensor, CampaignFolder, sensor_named_or_read
 from exposight.cli.app import UsageError
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
 from exposight.cli.result import Result, Written, fact
@@ -36,7 +36,7 @@ from exposight.models import (
     train_response,
     train_window,
 )
-from exposight.observing import ObservationTable, read_observations
+from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.planning import DEFAULT_MODELS
 from exposight.tables import Column, Table, counted, number
 from exposight.workers import usual_workers
@@ -64,7 +64,7 @@ def train_command(
     workers: PositiveInt | None = None,
     cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
 ) -> Result:
-    """Train models on observations.
+    """Train models on observations, or on a campaign.
 
     By default two models that belong together, in seconds: quality predicts p_norm over exposure
     time from a feature's pose, exposure the time in ms that yields a given brightness. They know
@@ -79,6 +79,8 @@ def train_command(
 
         exposight train observations.csv -o models/
 
+        exposight train door-inside/ -o models/
+
         exposight train painted.csv --from models/quality.exposight-model -o painted/
 
         exposight train observations.csv --target diameter_error_mm -o models/
@@ -88,14 +90,15 @@ def train_command(
     Parameters
     ----------
     observations
-        Observation table, .csv or .parquet.
+        Observation table, .csv or .parquet; or a campaign's folder, which is observed first, its
+        table kept beside the models.
     names
         Model to train: quality, exposure, one of the paper's, or all. Repeat for more.
     output
         Folder for the model files.
     sensor
         Sensor of the observations, kept in the model: a preset's name or a JSON file; the preset
-        that the table names by default.
+        that the table names, or the campaign's, by default.
     start_from
         quality model of the same sensor on another finish: the sensor's limits are kept, but for a
         few percent, and the surface is learnt anew; a few captures are enough.
@@ -126,15 +129,15 @@ def train_command(
             f"--from, --mean and --target are of the default models, {' and '.join(DEFAULT_MODELS)}"
         )
         raise UsageError(msg)
-    table = read_observations(observations)
     known = None if start_from is None else _window_model(start_from)
-    parameterer, origin = _sensor(sensor, table, known)
-    found = settle((*table.contradictions, _exposure_unit(table, parameterer)))
+    observations, table, campaign_sensor, files = _observed(observations, output)
+    trained_sensor, origin = _sensor(sensor, table, known, campaign_sensor)
+    found = settle((*table.contradictions, _exposure_unit(table, trained_sensor)))
     make_folder(output, "the models")
     of_table: dict[str, Any] = {
         "source": observations.name,
         "source_sha256": hashlib.sha256(observations.read_bytes()).hexdigest(),
-        "sensor": parameterer,
+        "sensor": trained_sensor,
         "seed": seed,
     }
     models: list[Predictor] = []
@@ -158,15 +161,14 @@ def train_command(
                 progress=progress,
                 **of_table,
             )
-    files = []
     for model in models:
         files.append(Written.at(output / f"{model.name}{MODEL_SUFFIX}", "model"))
         save_model(files[-1].path, model)
     facts = [fact("observations", str(observations))]
-    tables = [_summary(models, files)]
+    tables = [_summary(models, files[-len(models) :])]
     if specifications:
         facts.append(fact("seed", seed))
-    facts.append(fact("sensor", parameterer.name if parameterer else None, origin))
+    facts.append(fact("sensor", trained_sensor.name if trained_sensor else None, origin))
     if default:
         facts += model_facts(quality, table)
         tables.append(left_out_table(quality.radiance))
@@ -186,6 +188,21 @@ def train_command(
     )
 
 
+def _observed(
+    source: Path, output: Path
+) -> tuple[Path, ObservationTable, ActiveSensor | None, list[Written]]:
+    """Return a table's file and rows; of a campaign, which is observed, its sensor and files."""
+    if not (source / "campaign.json").is_file():
+        return source, read_observations(source), None, []
+    campaign = CampaignFolder(source)
+    with progress_bars() as progress:
+        table = observe_campaign(campaign, progress=progress)
+    make_folder(output, "the models")
+    file = Written.at(output / "observations.csv", "observations")
+    table.write(file.path)
+    return file.path, table, campaign.sensor, [file]
+
+
 def _specification(name: str) -> ModelSpecification:
     """Return one of the paper's models; the error names the default ones, too."""
     known = [*DEFAULT_MODELS, *(each.name for each in MODELS), _ALL]
@@ -196,7 +213,10 @@ def _specification(name: str) -> ModelSpecification:
 
 
 def _sensor(
-    given: str | None, table: ObservationTable, start_from: WindowModel | None
+    given: str | None,
+    table: ObservationTable,
+    start_from: WindowModel | None,
+    campaign: ActiveSensor | None,
 ) -> tuple[ActiveSensor | None, str]:
     """Return the sensor of a table's rows, and in words how it is known."""
     if given is not None:
@@ -204,6 +224,8 @@ def _sensor(
         return sensor, sensor.name
     if start_from is not None and start_from.sensor is not None:
         return start_from.sensor, f"{start_from.sensor.name}, that of the model to start from"
+    if campaign is not None:
+        return campaign, f"{campaign.name}, that of the campaign"
     named = table.frame["sensor"].drop_nulls().unique().to_list()
     presets = [each for each in PRESETS.values() if each.name in named]
     if len(named) == len(presets) == 1:
