@@ -1,0 +1,449 @@
+"""One reader of text tables in the dialects that programs and spreadsheets write.
+
+Encoding, separator, decimal mark, thousands marks, comments, units below the names, a count of the
+lines, a column that counts the rows and words for missing values are recognised; what two readings
+fit equally well is asked (``docs/formats.md``, Text tables).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.errors import FormatError, did_you_mean
+from exposight.files.column_units import is_unit
+from exposight.files.columns import looks_like_names
+from exposight.files.durable import read_bytes
+from exposight.files.encodings import decode, encoding_remark
+from exposight.files.reading import Reading, current_reading, recognised
+from exposight.files.separators import MARKS, Candidate, Split, ragged_rows, recognise_split
+from exposight.files.written_numbers import is_missing, is_plain, to_numbers
+
+_COMMENTS = ("//", "#", "%")
+_SAMPLE = 400
+"""Lines from which the dialect is recognised, unless they leave it open."""
+
+_COUNTING_NAMES = frozenset({"index", "idx", "#", "nr", "nr.", "no", "no.", "lfd. nr.", "row"})
+_UNNAMED = re.compile(r"(?:Unnamed: ?\d+(?:[._]level_\d+)?(?:\.\d+)?)?", re.IGNORECASE)
+_SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)"?', re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextTable:
+    """The cells of a text table.
+
+    Parameters
+    ----------
+    source : str
+        Where it came from, for messages.
+    header : tuple of str
+        The columns' names as they stand there; empty where the table has none.
+    rows : tuple of tuple of str
+        Cells without blanks around them; words for a missing value are empty.
+    lines : tuple of int
+        The line in the file of each row.
+    separator, decimal, encoding : str
+        As `Reading` names them.
+    remarks : tuple of str
+        What was recognised beyond commas, decimal points and UTF-8.
+    thousands : frozenset of str
+        Marks between the thousands of numbers.
+    """
+
+    source: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    separator: str = "comma"
+    decimal: str = "point"
+    encoding: str = "utf-8"
+    remarks: tuple[str, ...] = ()
+    thousands: frozenset[str] = field(default=frozenset(), repr=False)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return len(self.header) or (len(self.rows[0]) if self.rows else 0)
+
+    def say(self) -> None:
+        """Say what was recognised."""
+        recognised(self.source, *self.remarks)
+
+    def texts(self, column: str | int) -> list[str]:
+        """Return the cells of a column, by its name in the header or its place."""
+        place = self._place(column)
+        return [row[place] for row in self.rows]
+
+    def numbers(self, *columns: str | int) -> NDArray[np.float64]:
+        """Return the numbers of a column, (n,), or of several, (n, k); NaN where a cell is empty.
+
+        Raises
+        ------
+        FormatError
+            If a cell is no number; the first ten are named, and how many there are.
+        """
+        read, faults = [], []
+        for column in columns:
+            place = self._place(column)
+            cells = [row[place] for row in self.rows]
+            values, wrong = to_numbers(cells, self.decimal, self.thousands)
+            read.append(values)
+            name = self.header[place] if self.header else f"column {place + 1}"
+            faults += [(self.lines[row], name, cells[row]) for row in wrong]
+        if faults:
+            faults.sort(key=lambda fault: fault[0])
+            shown = ", ".join(f"line {line}, {name}: {cell!r}" for line, name, cell in faults[:10])
+            more = f" and {len(faults) - 10} more" if len(faults) > 10 else ""
+            msg = (
+                f"{self.source}: expected numbers with a decimal {self.decimal}, got {shown}{more}"
+            )
+            raise FormatError(msg)
+        if len(read) == 1:
+            return read[0]
+        return np.stack(read, axis=-1) if read else np.zeros((len(self.rows), 0))
+
+    def _place(self, column: str | int) -> int:
+        if isinstance(column, int):
+            return column
+        if column in self.header:
+            return self.header.index(column)
+        msg = (
+            f"{self.source}: no column {column!r}, it has {', '.join(self.header)}"
+            f"{did_you_mean(column, self.header)}"
+        )
+        raise FormatError(msg)
+
+
+def read_table(
+    path: str | Path,
+    what: str,
+    *,
+    reading: Reading | None = None,
+    header: bool | None = True,
+    least: int = 1,
+) -> TextTable:
+    """Read a text table in any dialect.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What it is, for messages: "feature list".
+    reading : Reading, optional
+        What somebody says of the file; the rest is recognised, or asked.
+    header : bool, optional
+        Whether its first line names the columns; None recognises it.
+    least : int
+        Columns that it must have.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    FormatError
+        If it is no table, or not as `reading` says; rows with other numbers of cells are named.
+    AmbiguousError
+        If two readings fit equally well.
+    """
+    data = read_bytes(Path(path), what)
+    return parse_table(data, path, what=what, reading=reading, header=header, least=least)
+
+
+def parse_table(
+    data: bytes,
+    source: str | Path,
+    *,
+    what: str = "table",
+    reading: Reading | None = None,
+    header: bool | None = True,
+    least: int = 1,
+) -> TextTable:
+    """Read the bytes of a text table; see `read_table`."""
+    reading = current_reading(reading)
+    text, encoding = decode(data, source, reading.encoding)
+    layout = find_layout(_lines(text), source, reading, header, least, what)
+    remarks = [encoding_remark(encoding, given=reading.encoding is not None), *layout.remarks]
+    cells = layout.candidate.split.cells
+    width = layout.candidate.columns
+    rows = [[*map(_known, cells(line)[:width])] for line in layout.lines]
+    filled = [place for place, row in enumerate(rows) if any(row)]
+    rows, numbers = [rows[k] for k in filled], [layout.numbers[k] for k in filled]
+    names = layout.names
+    names, rows, numbers, said = _without_units(names, rows, numbers)
+    remarks += said
+    names, rows, said = _without_index(names, rows)
+    remarks += said
+    names, rows = _without_empty(names, rows)
+    return TextTable(
+        source=str(source),
+        header=tuple(names),
+        rows=tuple(map(tuple, rows)),
+        lines=tuple(numbers),
+        separator=layout.candidate.split.separator,
+        decimal=layout.candidate.split.decimal,
+        encoding=encoding,
+        remarks=tuple(filter(None, remarks)),
+        thousands=layout.candidate.thousands,
+    )
+
+
+def _lines(text: str) -> list[str]:
+    """Return lines by any of the three newlines, without other characters that Python splits at."""
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Where the rows of a text table are, and how they become cells.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    names : list of str
+        The header's cells; empty where there is none.
+    lines : list of str
+        The rows.
+    numbers : list of int
+        Their lines in the file, from 1.
+    remarks : list of str
+        What was recognised.
+    """
+
+    candidate: Candidate
+    names: list[str]
+    lines: list[str]
+    numbers: list[int]
+    remarks: list[str]
+
+
+def find_layout(
+    lines: Sequence[str],
+    source: str | Path,
+    reading: Reading,
+    header: bool | None,
+    least: int,
+    what: str,
+) -> Layout:
+    """Return where the rows of a text table are, and how they become cells."""
+    body: list[str] = []
+    numbers: list[int] = []
+    comments: list[str] = []
+    late = 0
+    remarks: list[str] = []
+    for number, line in enumerate(lines, start=1):
+        bare = line.strip()
+        if not bare.strip(";,|\t "):
+            continue
+        if number == 1 and (match := _SEPARATOR_LINE.fullmatch(bare)):
+            reading = _told(reading, match[1].replace("\\t", "\t"), source)
+            continue
+        if bare.startswith(_COMMENTS) and not _is_word(bare):
+            late += bool(body)
+            comments += [bare.lstrip("/#%")] if not body else []
+            continue
+        body.append(line)
+        numbers.append(number)
+    if late:
+        remarks.append(f"{late} comment line{'s' * (late > 1)} between the rows left out")
+    body, numbers, said = _without_count(body, numbers, source, header)
+    remarks += said
+    if not body and not comments:
+        msg = f"{source} is empty; expected a {what}"
+        raise FormatError(msg)
+    return _laid_out(body, numbers, comments, source, reading, header, least, what, remarks)
+
+
+def _laid_out(
+    body: list[str],
+    numbers: list[int],
+    comments: list[str],
+    source: str | Path,
+    reading: Reading,
+    header: bool | None,
+    least: int,
+    what: str,
+    remarks: list[str],
+) -> Layout:
+    """Find the line of names, then the split of the lines."""
+    commented = comments[-1] if comments else ""
+    names: str | None = None
+    if body and header is not False and not _has_number(body[0], mostly=bool(header)):
+        names, body, numbers = body[0], body[1:], numbers[1:]
+    elif commented and header is not False and (not body or looks_like_names(commented)):
+        names = commented
+        remarks.append("the names of the columns in a comment")
+    elif header:
+        msg = (
+            f"{source}: expected a line with the columns' names above the rows of the {what}, got "
+            f"{(body or comments)[0].strip()[:60]!r}"
+        )
+        raise FormatError(msg)
+    candidate = _recognise(body, numbers, names, source, reading, least)
+    split = candidate.split
+    heads = [] if names is None else split.names(names)
+    if candidate.ragged or any(
+        len(cells) < candidate.columns or any(cells[candidate.columns :])
+        for cells in map(split.cells, body)
+    ):
+        msg = f"{source}: {ragged_rows(candidate, body, numbers)}"
+        raise FormatError(msg)
+    if heads and len(heads) < candidate.columns:  # R does not name the column of row names
+        heads = ["", *heads]
+    remarks = [*_split_remarks(split, candidate), *remarks]
+    return Layout(
+        candidate=candidate,
+        names=heads[: candidate.columns],
+        lines=body,
+        numbers=numbers,
+        remarks=remarks,
+    )
+
+
+def _recognise(
+    body: list[str],
+    numbers: list[int],
+    names: str | None,
+    source: str | Path,
+    reading: Reading,
+    least: int,
+) -> Candidate:
+    if len(body) > 2 * _SAMPLE:
+        step = len(body) // _SAMPLE
+        sample = sorted({*range(_SAMPLE), *range(0, len(body), step)})
+        found = recognise_split(
+            [body[k] for k in sample],
+            names,
+            source,
+            reading,
+            numbers=[numbers[k] for k in sample],
+            least=least,
+            sampled=True,
+        )
+        if found is not None:
+            return found
+    found = recognise_split(body, names, source, reading, numbers=numbers, least=least)
+    assert found is not None
+    return found
+
+
+def _is_word(line: str) -> bool:
+    """Return whether a line begins with a word such as #N/A, and so is no comment."""
+    return line.startswith("#") and is_missing(re.split(r"[;,|\s]", line, maxsplit=1)[0])
+
+
+def _told(reading: Reading, mark: str, source: str | Path) -> Reading:
+    """Return the reading that a first line ``sep=;`` tells."""
+    name = next(
+        (name for name, own in MARKS.items() if own == mark), "blank" if mark == " " else ""
+    )
+    if not name:
+        msg = (
+            f"{source}: its first line says that {mark!r} separates, expected one of , ; | or a tab"
+        )
+        raise FormatError(msg)
+    return reading.over(Reading(separator=name))
+
+
+def _has_number(line: str, *, mostly: bool = False) -> bool:
+    """Return whether a line holds a cell that is a number, or most are: it is no line of names."""
+    marks = r"[;,|\t]" if re.search(r"[;,|\t]", line) else r"\s+"
+    cells = [cell.strip().strip('"').strip() for cell in re.split(marks, line.strip())]
+    filled = [cell for cell in cells if cell]
+    numbers = sum(is_plain(cell, "point") for cell in filled)
+    return numbers > (len(filled) // 2 if mostly else 0) or all(map(is_missing, filled))
+
+
+def _without_count(
+    body: list[str], numbers: list[int], source: str | Path, header: bool | None
+) -> tuple[list[str], list[int], list[str]]:
+    """Leave out a line above the rows that tells how many there are.
+
+    Raises
+    ------
+    FormatError
+        If there are others than it tells.
+    """
+    start = 1 if len(body) > 1 and not _has_number(body[0]) and header is not False else 0
+    if len(body) < start + 2 or not body[start].strip().isdigit():
+        return body, numbers, []
+    if re.fullmatch(r"[\d.,+-]+", body[start + 1].strip()):
+        return body, numbers, []
+    told, held = int(body[start]), len(body) - start - 1
+    if told != held:
+        msg = (
+            f"{source} is cut off or wrong: line {numbers[start]} announces {told} rows, it holds "
+            f"{held}"
+        )
+        raise FormatError(msg)
+    del body[start], numbers[start]
+    return body, numbers, ["a line that counts the rows"]
+
+
+def _known(cell: str) -> str:
+    return "" if is_missing(cell) else cell
+
+
+def _without_units(
+    names: list[str], rows: list[list[str]], numbers: list[int]
+) -> tuple[list[str], list[list[str]], list[int], list[str]]:
+    """Put units that stand in a line below the names behind these."""
+    first = rows[0] if rows and names else []
+    if not any(first) or not all(not cell or is_unit(cell) for cell in first):
+        return names, rows, numbers, []
+    joined = [
+        f"{name} [{cell.strip('[]()')}]" if cell else name
+        for name, cell in zip(names, first, strict=True)
+    ]
+    return joined, rows[1:], numbers[1:], ["units in a line below the names"]
+
+
+def _without_index(
+    names: list[str], rows: list[list[str]]
+) -> tuple[list[str], list[list[str]], list[str]]:
+    """Leave out first columns that only count the rows, as pandas and R write them."""
+    remarks = []
+    while len(names) > 1 and rows:
+        cells = [row[0] for row in rows]
+        unnamed = _UNNAMED.fullmatch(names[0]) is not None
+        if not unnamed and names[0].lower() not in _COUNTING_NAMES:
+            break
+        labels = all(map(str.isdecimal, cells))
+        counting = labels and [int(cell) - int(cells[0]) for cell in cells] == [*range(len(cells))]
+        if not (counting and int(cells[0]) in {0, 1}) and not (
+            unnamed and labels and len(set(cells)) == len(cells)
+        ):
+            break
+        shown = f"column {names[0]!r}" if names[0] else "a first column without a name"
+        remarks.append(f"{shown} counts the rows and is left out")
+        names, rows = names[1:], [row[1:] for row in rows]
+    return names, rows, remarks
+
+
+def _without_empty(names: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """Leave out columns that have neither a name nor a cell."""
+    kept = [k for k, name in enumerate(names) if name or any(row[k] for row in rows)]
+    if len(kept) == len(names):
+        return names, rows
+    return [names[k] for k in kept], [[row[k] for k in kept] for row in rows]
+
+
+def _split_remarks(split: Split, candidate: Candidate) -> list[str]:
+    """Return what to say of separator and decimal mark; nothing of commas and points."""
+    shown = {"semicolon": "semicolons", "tab": "tabs", "pipe": "pipes", "blank": "blanks"}
+    remarks = []
+    if split.separator in shown and candidate.columns > 1:
+        remarks.append(f"{shown[split.separator]} between the cells")
+    if split.decimal == "comma":
+        remarks.append("decimal commas")
+    for mark in sorted(candidate.thousands):
+        name = {",": "commas", ".": "points", "'": "apostrophes", "’": "apostrophes"}.get(
+            mark, "blanks"
+        )
+        remarks.append(f"{name} between thousands")
+    return remarks
