@@ -1,3 +1,7 @@
+import struct
+import sys
+
+import lzf
 import numpy as np
 import pytest
 import trimesh
@@ -7,7 +11,14 @@ from hypothesis.extra import numpy as hnp
 from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell import CLOUD_SUFFIXES, Cloud, read_cloud, write_cloud
-from exposight.errors import CloudError, DamagedFileError, FormatError, MissingFileError
+from exposight.errors import (
+    CloudError,
+    DamagedFileError,
+    FormatError,
+    InputError,
+    MissingFileError,
+)
+from exposight.files import collected_remarks
 
 KEEPS_SIZE = [".ply", ".pcd", ".npy"]
 POINTS = np.array([[1.5, -2.25, 600.125], [np.nan] * 3, [0.1, 0.2, 0.3], [4, 5, 6]], np.float32)
@@ -76,9 +87,9 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_an_unknown_format_lists_the_known_ones(tmp_path):
-    (tmp_path / "cloud.e57").write_bytes(b"x")
-    with pytest.raises(FormatError, match=r"\.ply, \.pcd, .*got the suffix '\.e57'"):
-        read_cloud(tmp_path / "cloud.e57")
+    (tmp_path / "cloud.abc").write_bytes(b"x")
+    with pytest.raises(FormatError, match=r"\.ply, \.pcd, .*got the suffix '\.abc'"):
+        read_cloud(tmp_path / "cloud.abc")
 
 
 @pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
@@ -158,6 +169,150 @@ def test_a_pcd_without_coordinates_names_its_fields(tmp_path):
     cloud.save(tmp_path / "cloud.pcd")
     with pytest.raises(FormatError, match="expected the fields x, y and z, got x, rgb"):
         read_cloud(tmp_path / "cloud.pcd")
+
+
+# -- PCD as other programs write it --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\n"
+        "HEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n",
+        "VERSION 0.6\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+        "DATA ascii\n",
+        "VERSION .5\nCOLUMNS x y z\nPOINTS 2\nDATA ascii\n",
+        "# of a program\n\nversion 0.7\r\nfields X Y Z # names\r\nwidth 2\r\ndata ascii\r\n",
+    ],
+)
+def test_pcd_headers_of_all_versions_are_read(tmp_path, header):
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + b"1 2 3\n-nan(ind) nan 1.#QNAN\n")
+    points = read_cloud(tmp_path / "cloud.pcd").points
+    np.testing.assert_array_equal(points, [[1, 2, 3], [np.nan] * 3])
+
+
+@pytest.mark.parametrize("encoding", ["binary", "binary_compressed"])
+def test_pcd_fields_of_any_count_and_type_are_stepped_over(tmp_path, encoding):
+    record = np.zeros(
+        3, [("_", "u1", 4), ("z", "<f8"), ("d", "<f4", 5), ("x", "<f4"), ("y", "<i2")]
+    )
+    record["x"], record["y"], record["z"] = [1, 4, 7], [2, 5, 8], [3, 6, 9]
+    body = record.tobytes()
+    if encoding != "binary":
+        fields = b"".join(
+            np.ascontiguousarray(record[name]).tobytes() for name in record.dtype.names
+        )
+        packed = lzf.compress(fields + bytes(0))
+        body = struct.pack("<II", len(packed), len(fields)) + packed
+    header = (
+        "VERSION 0.7\nFIELDS _ z d x y\nSIZE 1 8 4 4 2\nTYPE U F F F I\nCOUNT 4 1 5 1 1\nWIDTH 3\n"
+        f"HEIGHT 1\nPOINTS 3\nDATA {encoding}\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + body)
+    assert read_cloud(tmp_path / "cloud.pcd").points.tolist() == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_a_pcd_that_announces_more_than_it_has_allocates_nothing(tmp_path, encoding):
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000\nHEIGHT 1000000\n"
+        f"POINTS 1000000000000\nDATA {encoding}\n"
+    )
+    (tmp_path / "cloud.pcd").write_bytes(header.encode() + b"1 2 3\n" * 4)
+    with pytest.raises(DamagedFileError, match=r"cloud\.pcd is cut off .* 1000000000000 points"):
+        read_cloud(tmp_path / "cloud.pcd")
+
+
+def test_a_pcd_header_that_means_nothing_is_shown(tmp_path):
+    (tmp_path / "cloud.pcd").write_text("VERSION 0.7\nFIELDS x y z\nWIDTH 1\nDATA martian\n")
+    with pytest.raises(FormatError, match=r"expected DATA ascii, .* got 'martian'"):
+        read_cloud(tmp_path / "cloud.pcd")
+
+
+# -- by content, not by name ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npy"])
+@pytest.mark.parametrize("name", ["cloud.txt", "cloud", "cloud.dat"])
+def test_a_cloud_with_another_suffix_is_known_by_its_content(tmp_path, organised, suffix, name):
+    write_cloud(tmp_path / f"cloud{suffix}", organised)
+    (tmp_path / f"cloud{suffix}").rename(tmp_path / name)
+    with collected_remarks() as remarks:
+        np.testing.assert_array_equal(read_cloud(tmp_path / name).points, organised.points)
+    assert suffix[1:].upper() in "".join(remarks)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("part.stl", b"solid part\nfacet normal 0 0 1\n", "a mesh, whose points have lost"),
+        ("scan.ply", b"\0" * 80 + struct.pack("<I", 1) + bytes(50), "a mesh, whose points"),
+        ("scan.las", b"LASF" + bytes(300), "export E57, PLY or PCD"),
+        ("scan.zdf", b"\x89HDF\r\n", "from Zivid Studio as an organised PLY"),
+        ("scan.txt", b"\x89PNG\r\n", "a depth image needs its camera"),
+        ("scan.xlsx", b"PK\3\4", "save its sheet as CSV"),
+        ("part.step", b"ISO-10303-21;", "a mesh, whose points"),
+    ],
+)
+def test_what_to_export_instead_is_said(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FormatError, match=message):
+        read_cloud(tmp_path / name)
+
+
+# -- E57 -----------------------------------------------------------------------------------------
+
+
+def e57(path, *scans, translation=None):
+    """Write scans, (points in mm, further columns), as pye57 does."""
+    pye57 = pytest.importorskip("pye57", reason="E57 files are read by the extra e57")
+    with pye57.E57(str(path), mode="w") as file:
+        for points, columns in scans:
+            axes = {f"cartesian{a}": points[:, i] / 1000 for i, a in enumerate("XYZ")}
+            file.write_scan_raw({**axes, **columns}, translation=translation)
+
+
+def test_an_e57_is_in_metres_and_organised_by_its_indices(tmp_path):
+    points = np.array([[1.0, 2, 500], [3, 4, 510], [5, 6, 520]])
+    index = {
+        "rowIndex": np.array([0, 2, 1], np.uint16),
+        "columnIndex": np.array([1, 0, 1], np.uint16),
+        "cartesianInvalidState": np.array([0, 0, 2], np.int8),
+    }
+    e57(tmp_path / "cloud.e57", (points, index), translation=np.array([1.0, 2.0, 3.0]))
+    with collected_remarks() as remarks:
+        cloud = read_cloud(tmp_path / "cloud.e57")
+    expected = np.full((3, 2, 3), np.nan)
+    expected[0, 1], expected[2, 0] = points[:2]
+    np.testing.assert_allclose(cloud.points, expected, rtol=1e-6)
+    assert "m converted to mm" in "".join(remarks)
+    assert "its pose in the file is not applied" in "".join(remarks)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.e57", unit="m").points, cloud.points)
+
+
+def test_of_several_scans_in_an_e57_one_is_chosen(tmp_path):
+    one, two = np.full((4, 3), 100.0), np.full((5, 3), 200.0)
+    e57(tmp_path / "cell.e57", (one, {}), (two, {}))
+    with pytest.raises(InputError, match=r"holds 2 scans.*cell\.e57#1 to cell\.e57#2"):
+        read_cloud(tmp_path / "cell.e57")
+    assert read_cloud(tmp_path / "cell.e57#2").points.shape == (5, 3)
+    with pytest.raises(FormatError, match="expected the scan 3, the file has 2"):
+        read_cloud(tmp_path / "cell.e57#3")
+
+
+def test_a_damaged_e57_is_named(tmp_path):
+    e57(tmp_path / "cloud.e57", (np.ones((1000, 3)), {}))
+    data = (tmp_path / "cloud.e57").read_bytes()
+    (tmp_path / "cloud.e57").write_bytes(data[: len(data) // 2])
+    with pytest.raises(DamagedFileError, match=r"cloud\.e57 is no E57 file, or is damaged"):
+        read_cloud(tmp_path / "cloud.e57")
+
+
+def test_without_the_extra_an_e57_says_which_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pye57", None)
+    (tmp_path / "cloud.e57").write_bytes(b"ASTM-E57" + bytes(100))
+    with pytest.raises(InputError, match=r"pip install 'exposight\[e57\]'"):
+        read_cloud(tmp_path / "cloud.e57")
 
 
 # -- text ---------------------------------------------------------------------------------------

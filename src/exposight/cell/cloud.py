@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 import io
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -22,6 +21,9 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 from pypcd4.pypcd4 import Encoding, PointCloud
 
+from exposight.cell.cloud_signatures import cloud_kind
+from exposight.cell.e57 import points_from_e57, split_scan
+from exposight.cell.pcd import points_from_pcd
 from exposight.cell.ply import ply_from_points, points_from_ply
 from exposight.compiled import njit
 from exposight.errors import CloudError, DamagedFileError, FormatError
@@ -207,16 +209,18 @@ def read_cloud(
     unit: str = "mm",
     axes: Sequence[str] = ("x", "y", "z"),
 ) -> Cloud:
-    """Read a point cloud; the file's suffix gives its format.
+    """Read a point cloud; its content gives the format, and where that does not tell, its suffix.
 
     Parameters
     ----------
     path : Path
-        A .ply, .pcd, .xyz, .txt, .csv or .npy file.
+        A PLY, PCD, E57 (of several scans, ``name.e57#2`` the second), NPY or text file
+        (``docs/formats.md``).
     size : (int, int), optional
         Rows and columns of the image, for an organised cloud whose file does not hold them.
     unit : {'mm', 'cm', 'm'}
-        Unit of the file's coordinates, which files do not state; the cloud is in mm.
+        Unit of the file's coordinates, which files do not state; the cloud is in mm. E57 files are
+        in m, always, and need it not.
     axes : (str, str, str)
         Which of the file's axes are x, y and z of the camera: ("x", "-y", "-z") for a file made
         for viewers that use OpenGL, whose y is up and whose z points towards the viewer.
@@ -226,14 +230,15 @@ def read_cloud(
     MissingFileError
         If it is not there.
     FormatError
-        If it is not what its suffix says, or another format.
+        If it is not what its suffix says, or another format; the message says what to export.
+    InputError
+        If it has several scans and none was chosen, or is an E57 file and pye57 is not installed.
     DamagedFileError
         If it is empty or cut off.
     CloudError
         If the number of points is not rows × columns, or the unit or an axis is another.
     """
-    path = Path(path)
-    read, _ = _format(path)
+    path, scan = split_scan(Path(path))
     if sorted(name.removeprefix("-") for name in axes) != ["x", "y", "z"]:
         msg = f"the axes of a cloud are x, y and z, each with or without -, got {' '.join(axes)}"
         raise CloudError(msg)
@@ -244,8 +249,12 @@ def read_cloud(
     if not data:
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
         raise DamagedFileError(msg)
+    kind = cloud_kind(data, path, READ_SUFFIXES)
     try:
-        cloud = read(data, path)
+        if kind == ".e57":
+            cloud, unit = _read_e57(path, scan, unit), "mm"
+        else:
+            cloud = _FORMATS[kind][0](data, path)
         if unit != "mm":
             cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
         if tuple(axes) != ("x", "y", "z"):
@@ -279,21 +288,20 @@ def write_cloud(path: Path, cloud: Cloud) -> None:
         If the disk refuses.
     """
     path = Path(path)
-    _, write = _format(path)
-    write_durably(path, write(cloud))
+    write_durably(path, _writer(path)(cloud))
 
 
 _Read = Callable[[bytes, Path], Cloud]
 _Write = Callable[[Cloud], bytes]
 
 
-def _format(path: Path) -> tuple[_Read, _Write]:
-    """Return the reader and the writer of the format that a file's suffix gives."""
+def _writer(path: Path) -> _Write:
+    """Return the writer of the format that a file's suffix gives."""
     if path.suffix.lower() in _FORMATS:
-        return _FORMATS[path.suffix.lower()]
+        return _FORMATS[path.suffix.lower()][1]
     msg = (
-        f"{path}: point clouds are read and written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
-        f"{path.suffix!r}; convert it, keeping missing points so that it stays organised"
+        f"{path}: point clouds are written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
+        f"{path.suffix!r}; name it so"
     )
     raise FormatError(msg)
 
@@ -302,24 +310,7 @@ def _format(path: Path) -> tuple[_Read, _Write]:
 
 
 def _read_pcd(data: bytes, path: Path) -> Cloud:
-    try:
-        cloud = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(data)))
-    except (ValueError, KeyError, TypeError, RuntimeError, struct.error) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        msg = f"{path} is no PCD file, or is cut off ({reason}); expected PCD version 0.7"
-        raise FormatError(msg) from error
-    if not {"x", "y", "z"} <= set(cloud.fields):
-        msg = f"{path}: expected the fields x, y and z, got {', '.join(cloud.fields)}"
-        raise FormatError(msg)
-    meta = cloud.metadata
-    if len(cloud.pc_data) != meta.points or meta.width * meta.height != meta.points:
-        msg = (
-            f"{path} is cut off or wrong: its header announces {meta.height} rows × {meta.width} "
-            f"columns and {meta.points} points, it holds {len(cloud.pc_data)}"
-        )
-        raise DamagedFileError(msg)
-    points = np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1)
-    return Cloud(points=points.reshape(meta.height, meta.width, 3) if meta.height > 1 else points)
+    return Cloud(points=points_from_pcd(data, path))
 
 
 def _pcd(cloud: Cloud) -> bytes:
@@ -330,6 +321,16 @@ def _pcd(cloud: Cloud) -> bytes:
     buffer = io.BytesIO()
     written.save(buffer, encoding=Encoding.BINARY)
     return buffer.getvalue()
+
+
+# -- E57 ----------------------------------------------------------------------------------------
+
+
+def _read_e57(path: Path, scan: int | None, unit: str) -> Cloud:
+    if unit == "cm":
+        msg = "E57 files are in m by their standard; leave out the unit"
+        raise CloudError(msg)
+    return Cloud(points=points_from_e57(path, scan))
 
 
 # -- text ---------------------------------------------------------------------------------------
@@ -437,3 +438,6 @@ _FORMATS: dict[str, tuple[_Read, _Write]] = {
 
 CLOUD_SUFFIXES: tuple[str, ...] = tuple(_FORMATS)
 """File suffixes of the point-cloud formats that can be read and written."""
+
+READ_SUFFIXES: tuple[str, ...] = (*CLOUD_SUFFIXES, ".e57")
+"""File suffixes of the point-cloud formats that can be read."""

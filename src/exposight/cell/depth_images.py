@@ -9,32 +9,39 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from exposight.cell.cloud import Cloud
+from exposight.cell.image_files import decoded_image, is_image
 from exposight.cell.sensor import ActiveSensor
 from exposight.contradictions import settle
 from exposight.contradictions.depths import depth_scale, fitting_scales
-from exposight.errors import CloudError, FormatError
+from exposight.errors import CloudError, FormatError, ImageError
 from exposight.files import read_bytes
 from exposight.geometry import PinholeCamera, grid_camera, grid_ratio
 
 _IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
+_NPY = b"\x93NUMPY"
 
 DEPTH_SUFFIXES: tuple[str, ...] = (*sorted(_IMAGE_SUFFIXES), ".npy")
 """File suffixes of depth images."""
 
 
 def is_depth_image(path: Path) -> bool:
-    """Tell by name and shape whether a file is a depth image and not a cloud.
+    """Tell by content, shape and name whether a file is a depth image and not a cloud.
 
     An .npy file is one where its array has two dimensions, and not three columns.
     """
-    if path.suffix.lower() in _IMAGE_SUFFIXES:
+    start = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            start = file.read(8)
+    if is_image(start):
         return True
-    if path.suffix.lower() != ".npy" or not path.is_file():
+    if path.suffix.lower() in _IMAGE_SUFFIXES:
+        return not start.startswith((b"ply", _NPY))
+    if not start.startswith(_NPY):
         return False
     try:
         shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
@@ -65,27 +72,25 @@ def read_depth(path: Path) -> NDArray[np.float64]:
         If it is no such file; 8 bits are no depth but a picture of it.
     """
     data = read_bytes(path, "depth image")
-    if path.suffix.lower() == ".npy":
+    if data.startswith(_NPY) or (path.suffix.lower() == ".npy" and not is_image(data)):
         try:
             array = np.load(io.BytesIO(data), allow_pickle=False)
         except (ValueError, EOFError, OSError) as error:
             msg = f"{path} cannot be read as NPY ({error}); expected an array (rows, columns)"
             raise FormatError(msg) from error
-    elif path.suffix.lower() in _IMAGE_SUFFIXES:
-        array = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    elif is_image(data) or path.suffix.lower() in _IMAGE_SUFFIXES:
+        try:
+            array = decoded_image(data, path)
+        except ImageError as error:
+            raise FormatError(str(error)) from error
     else:
         msg = (
             f"{path}: depth images are read from {', '.join(DEPTH_SUFFIXES)}, got the suffix "
             f"{path.suffix!r}; convert it without changing its numbers"
         )
         raise FormatError(msg)
-    if (
-        array is None
-        or array.ndim != 2
-        or array.dtype.kind not in "uif"
-        or array.dtype.itemsize < 2
-    ):
-        found = "no image" if array is None else f"{array.dtype} of shape {array.shape}"
+    if array.ndim != 2 or array.dtype.kind not in "uif" or array.dtype.itemsize < 2:
+        found = f"{array.dtype} of shape {array.shape}"
         msg = (
             f"{path}: expected a depth image of one channel, in 16 bits or floating-point numbers, "
             f"got {found}; pictures of depth, of 8 bits or in colour, hold none"

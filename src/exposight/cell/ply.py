@@ -1,51 +1,56 @@
 """PLY point clouds: NaN kept, vertex order kept, and the image's size where the file gives it.
 
 Scanners write the size of an organised cloud as ``obj_info num_cols`` and ``obj_info num_rows``,
-with one vertex per pixel. General mesh readers drop these lines, hence this reader.
+with one vertex per pixel, or with an element ``range_grid`` that gives each pixel its vertex.
+General mesh readers drop these lines, hence this reader.
 """
 
-import io
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
+from exposight.cell.ply_elements import BinaryBody, Body, Element, Numbers, Property, TextBody
 from exposight.errors import DamagedFileError, FormatError
+from exposight.files import recognised
 
 _CODES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16"}
 _CODES |= {"i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64"}
 _TYPES = {name: code for code, names in _CODES.items() for name in names.split()}
+_COUNT_TYPES = {name: code for name, code in _TYPES.items() if code[0] != "f"}
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-
-
-@dataclass
-class _Element:
-    """One element of a PLY file; a property without a type is a list."""
-
-    name: str
-    count: int
-    properties: dict[str, str] = field(default_factory=dict)
-
-    def dtype(self, byte_order: str, path: Path) -> np.dtype[np.void]:
-        for name, code in self.properties.items():
-            if not code:
-                msg = (
-                    f"{path}: element {self.name!r} holds the list {name!r}; expected only numbers "
-                    "up to and in element 'vertex': export the cloud as plain points"
-                )
-                raise FormatError(msg)
-        return np.dtype([(name, byte_order + code) for name, code in self.properties.items()])
-
 
 SIGMA = "sigma_z"
 """The property of a vertex that holds the standard deviation of its z, in the unit of z."""
 
-_Floats = NDArray[np.floating]
+_COORDINATES = (
+    ("x", "y", "z"),
+    ("X", "Y", "Z"),
+    ("x_mm", "y_mm", "z_mm"),
+    ("px", "py", "pz"),
+    ("pos_x", "pos_y", "pos_z"),
+    ("position_x", "position_y", "position_z"),
+)
+"""Names of a vertex' coordinates; the first that are there are taken, small letters or capitals."""
+
+_SIZE_KEYS = {"num_cols": "columns", "width": "columns", "num_rows": "rows", "height": "rows"}
 
 
-def points_from_ply(data: bytes, path: Path) -> tuple[_Floats, _Floats | None]:
+@dataclass(kw_only=True)
+class _Header:
+    """What a header says; `told` and `remarked` are sizes in obj_info lines and in comments."""
+
+    encoding: str = ""
+    elements: list[Element] = field(default_factory=list)
+    told: dict[str, int] = field(default_factory=dict)
+    remarked: dict[str, int] = field(default_factory=dict)
+
+    def element(self, name: str) -> Element | None:
+        return next((each for each in self.elements if each.name == name), None)
+
+
+def points_from_ply(data: bytes, path: Path) -> tuple[Numbers, Numbers | None]:
     """Read the vertices of a PLY file, ASCII or binary.
 
     Parameters
@@ -58,7 +63,8 @@ def points_from_ply(data: bytes, path: Path) -> tuple[_Floats, _Floats | None]:
     Returns
     -------
     (rows, columns, 3) or (n, 3) ndarray
-        Organised where the file gives ``obj_info num_cols`` and ``num_rows``.
+        Organised where the file gives a size (``obj_info num_cols`` and ``num_rows``, comments
+        ``width`` and ``height``, the viewport of PCL's ``camera``), or has a ``range_grid``.
     (rows, columns) or (n,) ndarray, or None
         Standard deviations of z, where vertices have a property ``sigma_z``.
 
@@ -73,44 +79,28 @@ def points_from_ply(data: bytes, path: Path) -> tuple[_Floats, _Floats | None]:
         msg = f"{path} is no PLY file: it must begin with the line 'ply'"
         raise FormatError(msg)
     end = data.find(b"end_header")
-    start = data.find(b"\n", end) + 1
+    start = _next_line(data, end)
     if end < 0 or start == 0:
         msg = f"{path} is cut off: its PLY header has no line 'end_header'"
         raise DamagedFileError(msg)
-    encoding, elements, size = _read_header(data[:end].decode("latin-1"), path)
-    names = [element.name for element in elements]
-    if "vertex" not in names:
-        msg = f"{path}: expected an element 'vertex', got {', '.join(names) or 'no element'}"
+    header = _read_header(data[:end].decode("latin-1"), path)
+    vertex = header.element("vertex")
+    if vertex is None:
+        got = ", ".join(each.name for each in header.elements) or "no element"
+        msg = f"{path}: expected an element 'vertex', got {got}"
         raise FormatError(msg)
-    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
-    if not {"x", "y", "z"} <= vertex.properties.keys():
-        got = ", ".join(vertex.properties)
-        msg = f"{path}: expected vertices with x, y and z, got {got}"
-        raise FormatError(msg)
-    wanted = [*"xyz", SIGMA] if SIGMA in vertex.properties else list("xyz")
-    if encoding == "ascii":
-        points = _read_ascii(data[start:], before, vertex, path, wanted)
+    body: Body
+    if header.encoding == "ascii":
+        text = data[start:] if b"\n" in data[start:] else data[start:].replace(b"\r", b"\n")
+        body = TextBody(text, header.elements, path)
     else:
-        points = _read_binary(data, start, _BYTE_ORDERS[encoding], before, vertex, path, wanted)
-    if len(points) < vertex.count:
-        msg = (
-            f"{path} is cut off: its header announces {vertex.count} vertices, it holds "
-            f"{len(points)}; copy or export it again"
-        )
-        raise DamagedFileError(msg)
-    sigma = points[:, 3] if len(wanted) > 3 else None
-    if size.keys() != {"num_cols", "num_rows"}:
-        return points[:, :3], sigma
-    rows, columns = size["num_rows"], size["num_cols"]
-    if rows * columns != vertex.count:
-        msg = (
-            f"{path}: {rows} rows × {columns} columns (obj_info) need {rows * columns} vertices, "
-            f"got {vertex.count}; export one vertex per pixel, missing ones as NaN or 0 0 0"
-        )
-        raise FormatError(msg)
-    if sigma is not None:
-        sigma = sigma.reshape(rows, columns)
-    return points[:, :3].reshape(rows, columns, 3), sigma
+        order = _BYTE_ORDERS[header.encoding]
+        body = BinaryBody(data, start, order, header.elements, path)
+    names = _coordinates(vertex, path)
+    has_sigma = any(each.name == SIGMA for each in vertex.properties)
+    points = body.numbers(vertex, [*names, SIGMA] if has_sigma else names)
+    points = _organised(points, header, body, path)
+    return points[..., :3], points[..., 3] if has_sigma else None
 
 
 def ply_from_points(points: NDArray[np.float32], sigma: NDArray[np.float32] | None = None) -> bytes:
@@ -135,74 +125,133 @@ def ply_from_points(points: NDArray[np.float32], sigma: NDArray[np.float32] | No
     return header.encode("ascii") + points.astype("<f4", copy=False).tobytes()
 
 
-def _read_header(header: str, path: Path) -> tuple[str, list[_Element], dict[str, int]]:
+def _next_line(data: bytes, end: int) -> int:
+    """Return where the line after the header's last begins; 0 where there is none."""
+    after = end + len(b"end_header")
+    if data[after : after + 1] == b"\r" and data[after + 1 : after + 2] != b"\n":
+        return after + 1  # lines that end like those of old Macintosh programs
+    return data.find(b"\n", end) + 1
+
+
+def _read_header(text: str, path: Path) -> _Header:
     """Return the encoding, the elements in their order, and the image's size."""
-    encoding, elements, size = "", list[_Element](), dict[str, int]()
-    for line in header.splitlines()[1:]:
+    header = _Header()
+    for line in text.splitlines()[1:]:
         try:
             match line.split():
-                case [] | ["comment", *_]:
-                    continue
                 case ["format", encoding, "1.0"] if encoding in _BYTE_ORDERS:
+                    header.encoding = encoding
+                case ["obj_info", key, number] if key in _SIZE_KEYS and int(number) >= 0:
+                    header.told[_SIZE_KEYS[key]] = int(number)
+                case ["comment", key, number] if key in _SIZE_KEYS and number.isdecimal():
+                    header.remarked[_SIZE_KEYS[key]] = int(number)
+                case [] | ["comment" | "obj_info", *_]:
                     continue
-                case ["obj_info", ("num_cols" | "num_rows") as key, number]:
-                    size[key] = int(number)
-                case ["obj_info", *_]:
-                    continue
-                case ["element", name, number]:
-                    elements.append(_Element(name, int(number)))
-                case ["property", "list", _, _, name]:
-                    elements[-1].properties[name] = ""
+                case ["element", name, number] if int(number) >= 0:
+                    header.elements.append(Element(name=name, count=int(number)))
+                case ["property", "list", counts, item, name] if item in _TYPES:
+                    code, count_code = _TYPES[item], _COUNT_TYPES[counts]
+                    _add(header.elements[-1], Property(name=name, code=code, count_code=count_code))
                 case ["property", item, name] if item in _TYPES:
-                    if name in elements[-1].properties:
-                        raise ValueError(name)  # twice
-                    elements[-1].properties[name] = _TYPES[item]
+                    _add(header.elements[-1], Property(name=name, code=_TYPES[item]))
                 case _:
                     msg = f"{path}: unknown line {line.strip()!r} in the PLY header"
                     raise FormatError(msg)
-        except (ValueError, IndexError) as error:
+        except (ValueError, LookupError) as error:
             msg = f"{path}: the line {line.strip()!r} in the PLY header cannot be understood"
             raise FormatError(msg) from error
-    if not encoding:
+    if not header.encoding:
         msg = f"{path}: the PLY header has no format line; expected {' or '.join(_BYTE_ORDERS)}"
         raise FormatError(msg)
-    return encoding, elements, size
+    # Elements without properties have no rows.
+    header.elements = [each for each in header.elements if each.properties]
+    return header
 
 
-def _read_binary(
-    data: bytes,
-    start: int,
-    byte_order: str,
-    before: list[_Element],
-    vertex: _Element,
-    path: Path,
-    wanted: list[str],
-) -> _Floats:
-    """Return the vertices that are there, at most as many as announced."""
-    dtype = vertex.dtype(byte_order, path)
-    offset = start + sum(e.count * e.dtype(byte_order, path).itemsize for e in before)
-    count = min(max(len(data) - offset, 0) // dtype.itemsize, vertex.count)
-    vertices = np.frombuffer(memoryview(data)[offset:], dtype, count=count)
-    # Without a copy where x, y and z lie side by side, as they nearly always do.
-    return structured_to_unstructured(vertices[wanted])
+def _add(element: Element, new: Property) -> None:
+    if any(each.name == new.name for each in element.properties):
+        raise ValueError(new.name)  # twice
+    element.properties.append(new)
 
 
-def _read_ascii(
-    body: bytes, before: list[_Element], vertex: _Element, path: Path, wanted: list[str]
-) -> _Floats:
-    """Return the vertices that are there, at most as many as announced."""
-    vertex.dtype("=", path)  # refuses lists
-    if vertex.count == 0:
-        return np.zeros((0, len(wanted)))
-    columns = list(vertex.properties)
-    try:
-        return np.loadtxt(
-            io.BytesIO(body),
-            skiprows=sum(element.count for element in before),
-            max_rows=vertex.count,
-            usecols=[columns.index(name) for name in wanted],
-            ndmin=2,
+def _coordinates(vertex: Element, path: Path) -> list[str]:
+    """Return the names of a vertex' coordinates."""
+    plain = [each.name for each in vertex.properties if not each.count_code]
+    by_lower_case = {name.lower(): name for name in reversed(plain)}
+    for names in _COORDINATES:
+        if set(names) <= set(plain):
+            return list(names)
+        if all(name in by_lower_case for name in names):
+            return [by_lower_case[name] for name in names]
+    got = ", ".join(each.name for each in vertex.properties)
+    msg = f"{path}: expected vertices with x, y and z, got {got}"
+    raise FormatError(msg)
+
+
+def _organised(points: Numbers, header: _Header, body: Body, path: Path) -> Numbers:
+    """Return vertices with the rows and columns that the file gives them, if it does."""
+    grid = header.element("range_grid")
+    rows, columns = header.told.get("rows"), header.told.get("columns")
+    if grid is not None and grid.has_lists and grid.count:
+        return _from_grid(points, grid, body, path, rows, columns)
+    if rows is not None and columns is not None:
+        if rows * columns != len(points):
+            msg = (
+                f"{path}: {rows} rows × {columns} columns (obj_info) need {rows * columns} "
+                f"vertices, got {len(points)}; export one vertex per pixel, missing ones as NaN or "
+                "0 0 0"
+            )
+            raise FormatError(msg)
+        return points.reshape(rows, columns, -1)
+    told_by = "comments"
+    size = header.told | header.remarked
+    if len(size) < 2 and (camera := header.element("camera")) is not None:
+        told_by, size = "element camera", _viewport(camera, body)
+    if len(size) < 2:
+        return points
+    rows, columns = size["rows"], size["columns"]
+    if rows * columns == len(points):
+        recognised(path, f"{rows} rows × {columns} columns as its {told_by} say")
+        return points.reshape(rows, columns, -1)
+    if told_by == "comments":
+        recognised(
+            path,
+            f"{len(points)} points without rows and columns: comments tell of {rows} × {columns}",
         )
-    except ValueError as error:
-        msg = f"{path}: a vertex cannot be read ({error}); expected {' '.join(columns)} on a line"
-        raise FormatError(msg) from error
+    return points
+
+
+def _viewport(camera: Element, body: Body) -> dict[str, int]:
+    """Return the size that PCL writes as the viewport of the camera; 1 row of no image."""
+    names = [each.name for each in camera.properties if not each.count_code]
+    if camera.count != 1 or not {"viewportx", "viewporty"} <= set(names):
+        return {}
+    columns, rows = (int(value) for value in body.numbers(camera, ["viewportx", "viewporty"])[0])
+    return {"rows": rows, "columns": columns} if rows > 1 else {}
+
+
+def _from_grid(
+    points: Numbers, grid: Element, body: Body, path: Path, rows: int | None, columns: int | None
+) -> Numbers:
+    """Return vertices at the pixels of a range grid, NaN where a pixel has none."""
+    if rows is None or columns is None or rows * columns != grid.count:
+        told = f"got {rows} × {columns}" if rows and columns else "got none"
+        msg = (
+            f"{path}: a range grid of {grid.count} pixels needs obj_info num_rows and num_cols "
+            f"whose product that is, {told}; export it again"
+        )
+        raise FormatError(msg)
+    name = next(each.name for each in grid.properties if each.count_code)
+    counts, index = body.entries(grid, name)
+    if counts.max() > 1 or index.max() >= len(points) or index.min() < -1:
+        msg = (
+            f"{path}: each pixel of its range grid must name none or one of its {len(points)} "
+            "vertices, counted from 0; export it again"
+        )
+        raise DamagedFileError(msg)
+    dtype = np.result_type(points.dtype, np.float32)  # whole numbers have no NaN
+    organised = np.full((grid.count, points.shape[1]), np.nan, dtype=dtype)
+    some = index >= 0
+    organised[some] = points[index[some]]
+    recognised(path, f"range grid of {rows} rows × {columns} columns")
+    return organised.reshape(rows, columns, -1)

@@ -7,17 +7,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from exposight import cell
-from exposight.cell import CLOUD_SUFFIXES, PRESETS, CampaignFolder
+from exposight.cell import PRESETS, CampaignFolder
+from exposight.cell.cloud import READ_SUFFIXES
+from exposight.cell.image_files import decoded_image
 from exposight.cli.measure import plan_from, plan_summary
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
 from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
 from exposight.cli.terminal import progress_bars
-from exposight.errors import FormatError, ImageError, MissingFileError, did_you_mean
+from exposight.errors import FormatError, MissingFileError, did_you_mean
+from exposight.files import read_bytes
 from exposight.geometry import (
     KNOWN_KEYS,
     is_stereo_file,
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
     Describe = Callable[[Path], Iterable[Fact]]
 
 _IMAGES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm")
-_CLOUDS = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix != ".csv")
+_CLOUDS = tuple(suffix for suffix in READ_SUFFIXES if suffix != ".csv")
 _COLUMNS = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
 
@@ -275,10 +277,7 @@ def _cloud(path: Path) -> Iterator[Fact]:
 
 @_kind("image", ", ".join(_IMAGES), _named(*_IMAGES))
 def _image(path: Path) -> Iterator[Fact]:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        msg = f"{path}: cannot be read as an image; it may be truncated: copy or record it again"
-        raise ImageError(msg)
+    image = decoded_image(read_bytes(path, "image"), path)
     bits = 8 * image.dtype.itemsize
     clipped = float(np.mean(image == 2**bits - 1))
     yield fact("size_px", [image.shape[1], image.shape[0]])

@@ -12,12 +12,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import BitDepth, Image, check_levels, full_scale, right_aligned
+from exposight.cell.image_files import decoded_image, is_lossy
 from exposight.errors import ImageError, MissingFileError
+from exposight.files import read_bytes, recognised
 from exposight.imaging.frames import FrameStack
 
 Alignment: TypeAlias = Literal["low", "high"]
@@ -174,10 +175,10 @@ def _read_grey(
     if not path.is_file():
         msg = f"{path}: no such frame"
         raise MissingFileError(msg)
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        msg = f"{path}: cannot be read as an image; it may be truncated: copy or record it again"
-        raise ImageError(msg)
+    data = read_bytes(path, "frame")
+    image = decoded_image(data, path)
+    if shape is None and is_lossy(data):  # said of the first frame
+        recognised(path, "JPEG, whose compression changes grey levels: PNG or TIFF keep them")
     grey = _grey_of(image, channel, path)
     if alignment == "high":
         grey = right_aligned(grey, bit_depth, str(path))
@@ -198,6 +199,8 @@ def _grey_of(image: NDArray[Any], channel: Channel | None, path: Path) -> NDArra
             return image
         msg = f"{path}: channel {channel!r} of a grey image; leave out the channel"
         raise ImageError(msg)
+    if image.shape[2] < 3:
+        return image[..., 0]  # grey and opacity
     if channel is not None:
         return image[..., _PLANES[channel]]
     blue, green, red = (image[..., i] for i in range(3))

@@ -5,11 +5,12 @@ from collections import defaultdict
 from pathlib import Path
 from typing import NamedTuple, cast
 
-import cv2
 import numpy as np
 
 from exposight.cell import BitDepth, Image
-from exposight.errors import ImageError, MissingFileError
+from exposight.cell.image_files import decoded_image
+from exposight.errors import MissingFileError
+from exposight.files import read_bytes
 from exposight.imaging.frame_files import read_frames
 from exposight.imaging.frames import FrameStack
 
@@ -56,12 +57,7 @@ def read_unknown_recording(folder: Path) -> UnknownRecording:
     pattern = f"{re.split('#', stem)[0]}*{suffix}"
     if len(list(folder.glob(pattern))) != len(paths):
         pattern = f"{stem.replace('#', '[0-9]*')}{suffix}"
-    first = cv2.imread(str(paths[0]), cv2.IMREAD_UNCHANGED)
-    if first is None:
-        msg = (
-            f"{paths[0]}: cannot be read as an image; it may be truncated: copy or record it again"
-        )
-        raise ImageError(msg)
+    first = decoded_image(read_bytes(paths[0], "frame"), paths[0])
     if first.dtype == np.uint8:
         return UnknownRecording(read_frames(folder, pattern=pattern), pattern, is_high=False)
     frames = read_frames(folder, pattern=pattern, bit_depth=16).frames
