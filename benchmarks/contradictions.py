@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.bring_folder import coarser_sensor
 from benchmarks.contradictions_cases import CASES, heterodyne_rig, try_cases
 from benchmarks.measuring import Figure, at_most, best_of, publish, say
 from benchmarks.plate import flat_plate, many_holes, plate_capture
@@ -27,7 +27,7 @@ from benchmarks.sigma_z import sigma_z_ratio
 from exposight.cell import ActiveSensor, Capture, Part, sensor_preset
 from exposight.contradictions import Contradiction
 from exposight.errors import ContradictionError
-from exposight.geometry import PinholeCamera, RigidTransform, read_projector_camera
+from exposight.geometry import RigidTransform, read_projector_camera
 from exposight.imaging import (
     AxisCoding,
     DecodedMap,
@@ -78,29 +78,9 @@ def cases() -> list[Figure]:
 
 # -- false alarms --------------------------------------------------------------------------------
 
-_SCALE = 0.5
-"""Of the paper's sensors' images, a side: 500 captures in minutes; checks sample anyway."""
 _FINISHES = ("bare", "primer", "paint", "brushed")
 _VIEWS = 8
 _EXPOSURES = 8
-
-
-def _coarser(name: str) -> ActiveSensor:
-    """Return one of the paper's sensors with fewer pixels over the same field."""
-    sensor = sensor_preset(name)
-
-    def scaled(camera: PinholeCamera) -> PinholeCamera:
-        return replace(
-            camera,
-            width=int(camera.width * _SCALE),
-            height=int(camera.height * _SCALE),
-            fx=camera.fx * _SCALE,
-            fy=camera.fy * _SCALE,
-            cx=(camera.cx + 0.5) * _SCALE - 0.5,
-            cy=(camera.cy + 0.5) * _SCALE - 0.5,
-        )
-
-    return replace(sensor, cameras=tuple(map(scaled, sensor.cameras)))
 
 
 def simulated_captures() -> tuple[int, list[Contradiction]]:
@@ -116,7 +96,7 @@ def simulated_captures() -> tuple[int, list[Contradiction]]:
     found: list[Contradiction] = []
     checked = 0
     for name in ("comet-pro-ae", "rc-visard-65"):
-        sensor = _coarser(name)
+        sensor = coarser_sensor(name)
         for finish in _FINISHES:
             say(f"simulated captures: {name}, {finish}")
             settings = SimulatedCellSettings(
