@@ -28,6 +28,7 @@ def test_every_convention_writes_the_same_pose():
         "quaternion_wxyz": ",".join(map(str, [x, y, z, *POSE.to_abb_quaternion()])),
         "quaternion_xyzw": ",".join(map(str, [x, y, z, *np.roll(POSE.to_abb_quaternion(), -1)])),
         "matrix": " ".join(map(str, POSE.to_matrix().ravel())),
+        "halcon": ",".join(map(str, [*position_m, 10, -20, 30, 2])),
     }
     assert texts.keys() == set(get_args(PoseNotation))
     for convention, text in texts.items():

@@ -44,6 +44,8 @@ def _numbers(notation: str, pose: RigidTransform) -> list[float]:
             return [x, y, z, *rotation.as_rotvec()]
         case "ur":
             return [x / 1000, y / 1000, z / 1000, *rotation.as_rotvec()]
+        case "halcon":
+            return [x / 1000, y / 1000, z / 1000, *rotation.as_euler("XYZ", degrees=True), 0]
     return [*np.c_[rotation.as_matrix(), pose.translation_mm].ravel()]
 
 

@@ -6,6 +6,7 @@ in status 2, Ctrl-C in 130; with ``--json``, each in one JSON object on standard
 
 import errno
 import io
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -129,6 +130,8 @@ def run(arguments: Sequence[str]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             # A terminal or pipe that has no σ or ² shall show a ? for it, not fail.
             stream.reconfigure(errors="replace")
+    # Numbers such as -12,3,500 are no option: with a blank before them they are not taken for one.
+    arguments = [f" {word}" if re.match(r"-[\d.].*[ ,;]", word) else word for word in arguments]
     command = next((word for word in arguments if not word.startswith("-")), None)
     try:
         if arguments and arguments[0].startswith("-") and arguments[0] not in _COMMON_OPTIONS:

@@ -74,7 +74,7 @@ class ViewOptions(PoseOptions):
             campaign = open_campaign(self.campaign)
             if self.view is None:
                 return campaign.view(self.camera_from_part())
-            if self.pose is not None or self.robot_pose is not None:
+            if self.has_pose:
                 msg = "give a --view of the campaign or a pose, not both"
                 raise UsageError(msg)
             return _view_named(campaign, self.view)
@@ -82,7 +82,7 @@ class ViewOptions(PoseOptions):
             msg = "give either --campaign, or both --sensor and --features"
             raise UsageError(msg)
         if self.view is not None:
-            msg = "--view names a view of a --campaign; give a pose by --pose or --robot-pose"
+            msg = "--view names a view of a --campaign; without one give a pose, such as --pose"
             raise UsageError(msg)
         part = Part(name=self.features.stem, features=read_features(self.features))
         pose = self.camera_from_part()

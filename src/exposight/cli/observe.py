@@ -100,7 +100,7 @@ class SingleCapture(PoseOptions):
             or self.features is None
             or self.sensor is None
             or self.exposure_ms is None
-            or (self.pose is None and self.robot_pose is None)
+            or not self.has_pose
         ):
             raise UsageError(self._missing())
         sensor = cell.sensor_named_or_read(self.sensor)
@@ -152,8 +152,8 @@ class SingleCapture(PoseOptions):
                 "or --robot-pose"
             )
         missing = [option for option in needed if option not in given]
-        if "--pose" not in given and "--robot-pose" not in given:
-            missing.append("--pose or --robot-pose")
+        if not self.has_pose:
+            missing.append("--pose, --robot-pose or --flange")
         return f"a single capture also needs {', '.join(missing)}"
 
 

@@ -19,7 +19,11 @@ from exposight.geometry.cylinders import (
     pixel_boxes,
     ring_pixels,
 )
+from exposight.geometry.hand_eye import camera_from_held_part, camera_from_part_of
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
+from exposight.geometry.pose_files import read_named_poses, read_pose
+from exposight.geometry.pose_matrices import check_length_unit
+from exposight.geometry.pose_texts import parse_pose
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
 from exposight.geometry.stereo_calibrations import (
     StereoCameras,
@@ -28,8 +32,6 @@ from exposight.geometry.stereo_calibrations import (
 )
 from exposight.geometry.written_poses import (
     PoseNotation,
-    parse_pose,
     pose_columns,
     pose_from_numbers,
-    read_pose,
 )

@@ -1,6 +1,5 @@
-"""Poses as robots and text files write them."""
+"""The notations of poses, each a fixed row of numbers, and poses of a known notation in a text."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +8,36 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from exposight.errors import MissingFileError, PoseError, did_you_mean
+from exposight.errors import PoseError, did_you_mean
+from exposight.files import current_reading
+from exposight.geometry.pose_matrices import halcon_tuple, matrix_pose
+from exposight.geometry.pose_numbers import number_rows
+from exposight.geometry.pose_units import (
+    UNIT_MM,
+    angle_remark,
+    degrees_of,
+    metres_of,
+    radians_of,
+    vector_radians,
+)
 from exposight.geometry.poses import RigidTransform
+from exposight.geometry.printed_poses import (
+    WrittenPose,
+    abb_pairs,
+    printed_poses,
+    ur_pose,
+)
 
 PoseNotation = Literal[
-    "fanuc", "kuka", "abb", "ur", "quaternion_wxyz", "quaternion_xyzw", "rotation_vector", "matrix"
+    "fanuc",
+    "kuka",
+    "abb",
+    "ur",
+    "quaternion_wxyz",
+    "quaternion_xyzw",
+    "rotation_vector",
+    "halcon",
+    "matrix",
 ]
 """Ways to write a pose; ``docs/conventions.md`` says what each one means."""
 
@@ -22,18 +46,6 @@ PoseNotation = Literal[
 class _Reader:
     columns: tuple[str, ...]
     read: Callable[[list[float]], RigidTransform]
-
-
-def _radians(vector: list[float]) -> list[float]:
-    """Return a rotation vector that turns by one full turn at most."""
-    turn = math.hypot(*vector)
-    if turn > 2.0 * math.pi + 1e-6:
-        msg = (
-            f"a rotation vector of length {turn:g} turns by more than 2π; it is in radians: "
-            "multiply degrees by π/180"
-        )
-        raise PoseError(msg)
-    return vector
 
 
 def _reader(columns: str, read: Callable[[list[float]], RigidTransform]) -> _Reader:
@@ -56,7 +68,7 @@ _READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
         ),
         "ur": _reader(
             "x_m y_m z_m rx_rad ry_rad rz_rad",
-            lambda n: RigidTransform.from_ur_rotation_vector(n[:3], _radians(n[3:])),
+            ur_pose,
         ),
         "quaternion_wxyz": _reader(
             "x_mm y_mm z_mm qw qx qy qz",
@@ -68,8 +80,9 @@ _READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
         ),
         "rotation_vector": _reader(
             "x_mm y_mm z_mm rx_rad ry_rad rz_rad",
-            lambda n: RigidTransform.from_rotation_vector(n[:3], _radians(n[3:])),
+            lambda n: RigidTransform.from_rotation_vector(n[:3], vector_radians(n[3:])),
         ),
+        "halcon": _reader("x_m y_m z_m r1 r2 r3 type", halcon_tuple),
         "matrix": _reader(
             "r11 r12 r13 x_mm r21 r22 r23 y_mm r31 r32 r33 z_mm",
             lambda n: RigidTransform.from_matrix(np.reshape(n, (-1, 4))),
@@ -112,27 +125,64 @@ def pose_from_numbers(notation: str, numbers: Sequence[float]) -> RigidTransform
     return reader.read(list(numbers))
 
 
-def parse_pose(notation: str, text: str) -> RigidTransform:
-    """Read a pose as a robot writes it.
-
-    Parameters
-    ----------
-    notation : str
-        One of `PoseNotation`.
-    text : str
-        The pose's numbers, separated by commas or blanks; see `pose_from_numbers`.
+def poses_of_notation(notation: str, text: str, source: str | Path) -> list[WrittenPose]:
+    """Return the poses in a text whose notation is known.
 
     Raises
     ------
     PoseError
-        As for `pose_from_numbers`, and if one is not a number.
+        As for `pose_from_numbers`, and if the text is of another notation.
+    AmbiguousError
+        If two readings fit equally well.
     """
     reader = _reader_of(notation)
-    numbers = _numbers(text)
-    if numbers is None:
+    printed = printed_poses(text, source) or (abb_pairs(text) if notation == "abb" else [])
+    if printed:
+        others = {pose.notation for pose in printed} - {_SAME.get(notation, notation)}
+        if others:
+            msg = f"{source}: expected a {notation} pose, got a {printed[0].form} ({text.strip()})"
+            raise PoseError(msg)
+        return printed
+    needed = {12, 16} if notation == "matrix" else {len(reader.columns)}
+    ways = number_rows(text)
+    for rows in ways:
+        every = [number for _, numbers in rows for number in numbers]
+        if all(len(numbers) in needed for _, numbers in rows):
+            return [_written(notation, numbers, name, source) for name, numbers in rows]
+        if len(every) in needed:
+            return [_written(notation, every, "", source)]
+    if not ways:
         msg = f"{_needed(notation, reader)}, got '{text}'"
         raise PoseError(msg)
-    return pose_from_numbers(notation, numbers)
+    count = sum(len(numbers) for _, numbers in ways[0])
+    msg = f"{_needed(notation, reader)}, got {count} numbers"
+    raise PoseError(msg)
+
+
+_SAME = {"quaternion_wxyz": "abb"}
+"""Notations whose printed forms are another's."""
+
+
+def _written(notation: str, numbers: Sequence[float], name: str, source: str | Path) -> WrittenPose:
+    if notation == "matrix":
+        return matrix_pose(np.reshape(numbers, (-1, 4)), source)
+    position, turn = list(numbers[:3]), list(numbers[3:])
+    remark, unit = "", current_reading().unit
+    if notation in {"ur", "halcon"}:
+        position = metres_of(position)
+    elif notation not in _IN_MM and unit is not None:
+        position = [UNIT_MM[unit] * number for number in position]
+    if notation in {"fanuc", "kuka"}:
+        remark, turn = angle_remark(turn), degrees_of(turn)
+    elif notation in {"ur", "rotation_vector"}:
+        turn = radians_of(turn)
+    pose = pose_from_numbers(notation, [*position, *turn])
+    return WrittenPose(
+        pose=pose, notation=notation, name=name, form=f"{notation} pose", remark=remark
+    )
+
+
+_IN_MM = {"fanuc", "kuka", "abb"}
 
 
 def _reader_of(notation: str) -> _Reader:
@@ -147,37 +197,3 @@ def _reader_of(notation: str) -> _Reader:
 def _needed(notation: str, reader: _Reader) -> str:
     count = "12 or 16" if notation == "matrix" else f"{len(reader.columns)}"
     return f"a {notation} pose needs {count} numbers {','.join(reader.columns)}"
-
-
-def read_pose(path: Path) -> RigidTransform:
-    """Read a pose from a text file: 16 numbers, a 4×4 matrix row by row, translation in mm.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    PoseError
-        If it does not hold 16 numbers, or they are no pose.
-    """
-    path = Path(path)
-    if not path.is_file():
-        msg = f"{path}: no such pose file; expected 16 numbers, a 4×4 matrix row by row, in mm"
-        raise MissingFileError(msg)
-    numbers = _numbers(path.read_text(encoding="utf-8", errors="replace"))
-    if numbers is None or len(numbers) != 16:
-        got = "something else" if numbers is None else f"{len(numbers)} numbers"
-        msg = f"{path}: a pose needs 16 numbers, a 4×4 matrix row by row, in mm; got {got}"
-        raise PoseError(msg)
-    try:
-        return RigidTransform.from_matrix(np.reshape(numbers, (4, 4)))
-    except PoseError as error:
-        msg = f"{path}: {error}"
-        raise PoseError(msg) from error
-
-
-def _numbers(text: str) -> list[float] | None:
-    """Return numbers between commas, semicolons, brackets or blanks; None if one is none."""
-    try:
-        return [float(word) for word in text.translate(str.maketrans("[],;", "    ")).split()]
-    except ValueError:
-        return None
