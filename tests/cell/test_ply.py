@@ -197,6 +197,12 @@ def test_every_spelling_of_nan_is_a_missing_point(spelling):
             "property int viewporty\n",
             "0.5 2 3\n",
         ),
+        (
+            "",
+            "element phoxi_frame_params 1\nproperty uint32 frame_width\n"
+            "property uint32 frame_height\nproperty float frame_duration\n",
+            "2 3 0.5\n",
+        ),
     ],
 )
 def test_the_size_is_where_other_programs_write_it(size, element, body):

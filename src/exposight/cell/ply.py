@@ -64,7 +64,7 @@ def points_from_ply(data: bytes, path: Path) -> tuple[Numbers, Numbers | None]:
     -------
     (rows, columns, 3) or (n, 3) ndarray
         Organised where the file gives a size (``obj_info num_cols`` and ``num_rows``, comments
-        ``width`` and ``height``, the viewport of PCL's ``camera``), or has a ``range_grid``.
+        ``width`` and ``height``, elements of PCL and Photoneo), or has a ``range_grid``.
     (rows, columns) or (n,) ndarray, or None
         Standard deviations of z, where vertices have a property ``sigma_z``.
 
@@ -205,8 +205,8 @@ def _organised(points: Numbers, header: _Header, body: Body, path: Path) -> Numb
         return points.reshape(rows, columns, -1)
     told_by = "comments"
     size = header.told | header.remarked
-    if len(size) < 2 and (camera := header.element("camera")) is not None:
-        told_by, size = "element camera", _viewport(camera, body)
+    if len(size) < 2:
+        told_by, size = _size_in_elements(header, body)
     if len(size) < 2:
         return points
     rows, columns = size["rows"], size["columns"]
@@ -221,13 +221,20 @@ def _organised(points: Numbers, header: _Header, body: Body, path: Path) -> Numb
     return points
 
 
-def _viewport(camera: Element, body: Body) -> dict[str, int]:
-    """Return the size that PCL writes as the viewport of the camera; 1 row of no image."""
-    names = [each.name for each in camera.properties if not each.count_code]
-    if camera.count != 1 or not {"viewportx", "viewporty"} <= set(names):
-        return {}
-    columns, rows = (int(value) for value in body.numbers(camera, ["viewportx", "viewporty"])[0])
-    return {"rows": rows, "columns": columns} if rows > 1 else {}
+_SIZE_NAMES = (("viewporty", "viewportx"), ("frame_height", "frame_width"))
+"""Rows and columns in an element of one row: PCL's ``camera``, Photoneo's frame parameters."""
+
+
+def _size_in_elements(header: _Header, body: Body) -> tuple[str, dict[str, int]]:
+    """Return the size that an element tells, and which; none where a size has one row."""
+    for element in header.elements:
+        names = [each.name for each in element.properties if not each.count_code]
+        for pair in _SIZE_NAMES:
+            if element.count == 1 and set(pair) <= set(names):
+                rows, columns = (int(value) for value in body.numbers(element, list(pair))[0])
+                if rows > 1:
+                    return f"element {element.name}", {"rows": rows, "columns": columns}
+    return "", {}
 
 
 def _from_grid(
