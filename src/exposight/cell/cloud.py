@@ -25,9 +25,10 @@ from exposight.cell.cloud_signatures import cloud_kind
 from exposight.cell.e57 import points_from_e57, split_scan
 from exposight.cell.pcd import points_from_pcd
 from exposight.cell.ply import ply_from_points, points_from_ply
+from exposight.cell.text_clouds import TEXT_SUFFIXES, points_from_text
 from exposight.compiled import njit
 from exposight.errors import CloudError, DamagedFileError, FormatError
-from exposight.files import check_columns, is_number, read_bytes, write_durably
+from exposight.files import read_bytes, write_durably
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,6 +254,9 @@ def read_cloud(
     try:
         if kind == ".e57":
             cloud, unit = _read_e57(path, scan, unit), "mm"
+        elif kind in TEXT_SUFFIXES:  # whose header may tell units, and pixels of an image
+            cloud = Cloud(points=points_from_text(data, path, size=size, unit=unit))
+            unit = "mm"
         else:
             cloud = _FORMATS[kind][0](data, path)
         if unit != "mm":
@@ -336,47 +340,8 @@ def _read_e57(path: Path, scan: int | None, unit: str) -> Cloud:
 # -- text ---------------------------------------------------------------------------------------
 
 
-def _read_xyz(data: bytes, path: Path) -> Cloud:
-    """Read x y z in the first three columns, after an optional line of column names."""
-    # CloudCompare marks its line of names with //.
-    line = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").lstrip("/")
-    first = line.split()
-    has_header = bool(first) and not first[0].startswith("#") and not is_number(first[0])
-    if has_header and first[0].lower() not in {"x", "x_mm"}:
-        msg = (
-            f"{path}: expected x y z in mm, or a first line 'x_mm y_mm z_mm', got "
-            f"{' '.join(first[:6])!r}"
-        )
-        raise FormatError(msg)
-    return Cloud(points=_numbers(data, path, delimiter=None, skiprows=int(has_header)))
-
-
-def _read_csv(data: bytes, path: Path) -> Cloud:
-    first = data.split(b"\n", 1)[0].decode("utf-8-sig", errors="replace").strip()
-    check_columns(first.split(","), required=_CSV_COLUMNS, optional=(), source=path)
-    return Cloud(points=_numbers(data, path, delimiter=",", skiprows=1))
-
-
-def _numbers(
-    data: bytes, path: Path, *, delimiter: str | None, skiprows: int
-) -> NDArray[np.float32]:
-    if not data.split(b"\n", skiprows)[-1].strip():
-        return np.zeros((0, 3), dtype=np.float32)
-    try:
-        return np.loadtxt(
-            io.StringIO(data.decode("utf-8-sig")),
-            dtype=np.float32,
-            delimiter=delimiter,
-            skiprows=skiprows,
-            usecols=(0, 1, 2),
-            ndmin=2,
-        )
-    except ValueError as error:
-        msg = (
-            f"{path}: {error}; expected three numbers x y z in mm on every line, "
-            "with a point as the decimal separator"
-        )
-        raise FormatError(msg) from error
+def _read_text(data: bytes, path: Path) -> Cloud:
+    return Cloud(points=points_from_text(data, path))
 
 
 def _write_text(separator: str, header: bool, cloud: Cloud) -> bytes:
@@ -430,9 +395,11 @@ def _ply(cloud: Cloud) -> bytes:
 _FORMATS: dict[str, tuple[_Read, _Write]] = {
     ".ply": (_read_ply, _ply),
     ".pcd": (_read_pcd, _pcd),
-    ".xyz": (_read_xyz, _xyz),
-    ".txt": (_read_xyz, _xyz),
-    ".csv": (_read_csv, _csv),
+    ".xyz": (_read_text, _xyz),
+    ".txt": (_read_text, _xyz),
+    ".csv": (_read_text, _csv),
+    ".asc": (_read_text, _xyz),
+    ".pts": (_read_text, _xyz),
     ".npy": (_read_npy, _npy),
 }
 

@@ -1,6 +1,13 @@
 """Files that are whole or absent: durable writing, locks, documents, headers, kept pieces."""
 
-from exposight.files.columns import Matched, Wanted, check_columns, match_columns, unit_hint
+from exposight.files.columns import (
+    Matched,
+    Wanted,
+    check_columns,
+    match_columns,
+    remarks_on,
+    unit_hint,
+)
 from exposight.files.dialects import TextTable, parse_table, read_table
 from exposight.files.documents import (
     Checksum,

@@ -116,6 +116,8 @@ class Matched:
         one was taken.
     remark : str
         What was recognised; empty where it is named as in our own files.
+    assumed : bool
+        Whether its unit is the field's own because nobody tells another.
     """
 
     index: int
@@ -123,6 +125,7 @@ class Matched:
     factor: float = 1.0
     unit: str | None = None
     remark: str = ""
+    assumed: bool = False
 
 
 def match_columns(
@@ -188,6 +191,21 @@ def match_columns(
         for column in wanted
         if column.name in found and _unit_told(column, found, wanted, header, source, reading)
     }
+
+
+def remarks_on(matched: Mapping[str, Matched]) -> tuple[str, ...]:
+    """Return what to say of matched columns, those of one kind together."""
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for name, column in matched.items():
+        if column.remark:
+            how = "read as" if column.factor == 1.0 else "converted to"
+            if column.assumed:
+                how = "without a unit taken as"
+            kinds.setdefault(how, []).append((column.header, name))
+    return tuple(
+        f"{', '.join(header for header, _ in pairs)} {how} {', '.join(name for _, name in pairs)}"
+        for how, pairs in kinds.items()
+    )
 
 
 def _by_stem(wanted: Sequence[Wanted]) -> dict[tuple[str, str | None], Wanted]:
@@ -327,11 +345,11 @@ def _matched(
     remark = f"{name} is {column.name}" if name else ""
     if canonical:
         remark = f"{name} taken as {column.name}, for it has no unit"
-    return Matched(index=place, header=name, remark=remark)
+    return Matched(index=place, header=name, remark=remark, assumed=bool(canonical))
 
 
 def looks_like_names(line: str) -> bool:
-    """Return whether a comment names columns: half of its words are such names."""
+    """Return whether a comment names columns: most of its words are such names."""
     words = [word for word in re.split(r"[\s;,|]+", line.strip()) if not is_unit(word)]
     known = [
         any(
@@ -340,7 +358,7 @@ def looks_like_names(line: str) -> bool:
         )
         for word in words
     ]
-    return len(known) > 1 and 2 * sum(known) >= len(known)
+    return len(known) > 1 and 2 * sum(known) > len(known)
 
 
 _MISTAKEN: Mapping[str, frozenset[str]] = MappingProxyType(

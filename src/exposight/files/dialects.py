@@ -22,11 +22,11 @@ from exposight.files.reading import Reading, current_reading, recognised
 from exposight.files.separators import MARKS, Candidate, Split, ragged_rows, recognise_split
 from exposight.files.written_numbers import is_missing, is_plain, to_numbers
 
-_COMMENTS = ("//", "#", "%")
+COMMENTS = ("//", "#", "%")
 _SAMPLE = 400
 """Lines from which the dialect is recognised, unless they leave it open."""
 
-_COUNTING_NAMES = frozenset({"index", "idx", "#", "nr", "nr.", "no", "no.", "lfd. nr.", "row"})
+_COUNTING_NAMES = frozenset({"index", "idx"})
 _UNNAMED = re.compile(r"(?:Unnamed: ?\d+(?:[._]level_\d+)?(?:\.\d+)?)?", re.IGNORECASE)
 _SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)"?', re.IGNORECASE)
 
@@ -172,9 +172,7 @@ def parse_table(
     cells = layout.candidate.split.cells
     width = layout.candidate.columns
     rows = [[*map(_known, cells(line)[:width])] for line in layout.lines]
-    filled = [place for place, row in enumerate(rows) if any(row)]
-    rows, numbers = [rows[k] for k in filled], [layout.numbers[k] for k in filled]
-    names = layout.names
+    names, numbers = layout.names, layout.numbers
     names, rows, numbers, said = _without_units(names, rows, numbers)
     remarks += said
     names, rows, said = _without_index(names, rows)
@@ -243,7 +241,7 @@ def find_layout(
         if number == 1 and (match := _SEPARATOR_LINE.fullmatch(bare)):
             reading = _told(reading, match[1].replace("\\t", "\t"), source)
             continue
-        if bare.startswith(_COMMENTS) and not _is_word(bare):
+        if bare.startswith(COMMENTS) and not is_word(bare):
             late += bool(body)
             comments += [bare.lstrip("/#%")] if not body else []
             continue
@@ -273,18 +271,26 @@ def _laid_out(
     """Find the line of names, then the split of the lines."""
     commented = comments[-1] if comments else ""
     names: str | None = None
-    if body and header is not False and not _has_number(body[0], mostly=bool(header)):
+    if body and header is not False and not has_number(body[0], mostly=bool(header)):
         names, body, numbers = body[0], body[1:], numbers[1:]
     elif commented and header is not False and (not body or looks_like_names(commented)):
         names = commented
-        remarks.append("the names of the columns in a comment")
     elif header:
         msg = (
             f"{source}: expected a line with the columns' names above the rows of the {what}, got "
             f"{(body or comments)[0].strip()[:60]!r}"
         )
         raise FormatError(msg)
-    candidate = _recognise(body, numbers, names, source, reading, least)
+    try:
+        candidate = _recognise(body, numbers, names, source, reading, least)
+        if names is not None and names == commented and candidate.unnamed:
+            msg = f"{source}: the comment {names.strip()[:60]!r} does not name all columns"
+            raise FormatError(msg)
+    except FormatError:
+        if names is None or names != commented or header:
+            raise
+        names = None  # a comment that has other words than names
+        candidate = _recognise(body, numbers, names, source, reading, least)
     split = candidate.split
     heads = [] if names is None else split.names(names)
     if candidate.ragged or any(
@@ -295,6 +301,8 @@ def _laid_out(
         raise FormatError(msg)
     if heads and len(heads) < candidate.columns:  # R does not name the column of row names
         heads = ["", *heads]
+    if names is not None and names == commented:
+        remarks = ["the names of the columns in a comment", *remarks]
     remarks = [*_split_remarks(split, candidate), *remarks]
     return Layout(
         candidate=candidate,
@@ -332,7 +340,7 @@ def _recognise(
     return found
 
 
-def _is_word(line: str) -> bool:
+def is_word(line: str) -> bool:
     """Return whether a line begins with a word such as #N/A, and so is no comment."""
     return line.startswith("#") and is_missing(re.split(r"[;,|\s]", line, maxsplit=1)[0])
 
@@ -350,7 +358,7 @@ def _told(reading: Reading, mark: str, source: str | Path) -> Reading:
     return reading.over(Reading(separator=name))
 
 
-def _has_number(line: str, *, mostly: bool = False) -> bool:
+def has_number(line: str, *, mostly: bool = False) -> bool:
     """Return whether a line holds a cell that is a number, or most are: it is no line of names."""
     marks = r"[;,|\t]" if re.search(r"[;,|\t]", line) else r"\s+"
     cells = [cell.strip().strip('"').strip() for cell in re.split(marks, line.strip())]
@@ -369,7 +377,7 @@ def _without_count(
     FormatError
         If there are others than it tells.
     """
-    start = 1 if len(body) > 1 and not _has_number(body[0]) and header is not False else 0
+    start = 1 if len(body) > 1 and not has_number(body[0]) and header is not False else 0
     if len(body) < start + 2 or not body[start].strip().isdigit():
         return body, numbers, []
     if re.fullmatch(r"[\d.,+-]+", body[start + 1].strip()):
