@@ -4,14 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from exposight.errors import FormatError, MissingFileError, PoseError
+from exposight.errors import AmbiguousError, FormatError, MissingFileError, PoseError
 from exposight.geometry import (
-    KNOWN_KEYS,
     CalibrationKeys,
     PinholeCamera,
     ProjectorCamera,
     RigidTransform,
-    read_opencv_file,
+    read_calibration_nodes,
     read_projector_camera,
     read_ros_camera_info,
 )
@@ -130,9 +129,9 @@ def test_the_caller_may_name_the_nodes(tmp_path):
         projector_matrix="my_Kp",
         projector_distortion="my_kp",
         rotation="my_Rp",
-        translation_mm="my_Tp",
-        camera_size=("my_frameWidth", "my_frameHeight"),
-        projector_size=("my_screenResX", "my_screenResY"),
+        translation="my_Tp",
+        camera_size="my_frameWidth+my_frameHeight",
+        projector_size="my_screenResX+my_screenResY",
     )
     assert_as_written(read_projector_camera(written(tmp_path / "c.yml", renamed), keys))
 
@@ -140,7 +139,7 @@ def test_the_caller_may_name_the_nodes(tmp_path):
 def test_maps_become_dotted_names_and_text_stays_text(tmp_path):
     path = tmp_path / "settings.yml"
     path.write_text('%YAML:1.0\n---\nouter: { inner: { a: 2 } }\nname: "left"\nlist: [1, 2.5]\n')
-    file = read_opencv_file(path)
+    file = read_calibration_nodes(path)
     assert file.whole_numbers("outer.inner.a", 1) == [2]
     assert file.nodes["name"] == "left"
     np.testing.assert_array_equal(file.matrix("list", (2,)), [1, 2.5])
@@ -170,13 +169,13 @@ def test_reads_the_boards_calibration(real_data):
 
 
 def test_the_board_does_not_say_how_large_its_projector_is(real_data):
-    with pytest.raises(FormatError, match=r"projector's size is not in the file; give it"):
+    with pytest.raises(FormatError, match=r"projector's size is not in the file; give its"):
         read_projector_camera(real_data / "board" / "calibration_result.xml")
 
 
 def test_a_file_without_a_calibration_says_what_it_holds(real_data):
     path = real_data / "foam" / "object1" / "config.xml"
-    with pytest.raises(FormatError, match=r"slstudio: Kc, Kp.* got disp_width, disp_height, step"):
+    with pytest.raises(FormatError, match=r"no camera matrix.* has disp_width, disp_height, step"):
         read_projector_camera(path)
 
 
@@ -329,12 +328,12 @@ def test_a_message_with_a_fault_names_the_file_and_the_fault(tmp_path, old, new,
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(MissingFileError, match=r"nowhere\.xml: no such calibration file"):
-        read_opencv_file(tmp_path / "nowhere.xml")
+        read_calibration_nodes(tmp_path / "nowhere.xml")
 
 
 def test_a_folder_is_no_file(tmp_path):
     with pytest.raises(MissingFileError, match="no such calibration file"):
-        read_opencv_file(tmp_path)
+        read_calibration_nodes(tmp_path)
 
 
 BAD_FILES = {
@@ -348,57 +347,74 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("content", BAD_FILES.values(), ids=BAD_FILES.keys())
-def test_what_opencv_cannot_parse_is_refused(tmp_path, content):
+def test_what_cannot_be_parsed_is_refused(tmp_path, content):
     path = tmp_path / "calibration"
     path.write_bytes(content)
-    with pytest.raises(FormatError, match=r"calibration: not an OpenCV YAML or XML file \(.+\)"):
-        read_opencv_file(path)
+    with pytest.raises(FormatError, match=r"calibration: (not a calibration|.* no node)"):
+        read_calibration_nodes(path)
 
 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("a: 1\nProse without a key.\n", "line 2: Missing ':'"),
-        ("[project]\nname = 'x'\n", "line 2: .*"),
-        ('<?xml version="1.0"?>\n<robot/>\n', "line 2: <opencv_storage> tag is missing"),
+        ("a: 1\nProse without a key.\n", "line 2: could not find expected ':'"),
+        ('<?xml version="1.0"?>\n<robot/>\n', "its root is <robot>, expected <opencv_storage>"),
+        ("<opencv_storage>\n<a>1</b>\n", "line 2: mismatched tag.*"),
+        ("a: &x [1, 2]\nb: *x\n", "line 1: an alias.*"),
+        ("a: {<<: {b: 1}}\n", "line 1: a merge key.*"),
+        ("a: 1\na: 2\n", "the key 'a' is there twice"),
+        ("<!DOCTYPE x><opencv_storage/>", "an XML file with a document type.*"),
+        ("K: {rows: 3, cols: 3, data: [1, 2]}", "'K' announces 3 × 3 numbers and has 2.*"),
+        ("[" * 3000, "(it is nested too|it is nested more|line 1).*"),
     ],
 )
-def test_the_line_that_opencv_stumbles_over_is_told(tmp_path, text, reason):
+def test_the_reason_is_told(tmp_path, text, reason):
     path = tmp_path / "README.md"
     path.write_text(text)
     with pytest.raises(FormatError, match=rf"\({reason}\); expected a calibration as OpenCV"):
-        read_opencv_file(path)
+        read_calibration_nodes(path)
 
 
 EMPTY_XML = '<?xml version="1.0"?><opencv_storage></opencv_storage>'
 
 
-@pytest.mark.parametrize("text", ["", "\n", "- 1\n- 2\n", EMPTY_XML])
+@pytest.mark.parametrize("text", ["", "\n", EMPTY_XML])
 def test_a_file_without_a_node_is_refused(tmp_path, text):
     path = tmp_path / "calibration.yml"
     path.write_text(text)
-    with pytest.raises(FormatError, match=r"expected an OpenCV YAML or XML file.* found no node"):
-        read_opencv_file(path)
+    with pytest.raises(FormatError, match=r"expected a calibration.* found no node"):
+        read_calibration_nodes(path)
 
 
-@pytest.mark.parametrize("key", [key for key in SLSTUDIO if key != "cam_error"])
-def test_a_calibration_without_a_key_says_which_and_what_it_has(tmp_path, key):
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("Kc", "Kp is a projector's matrix by its name"),
+        ("kc", "no lens distortion is named for Kc.* camera_distortion=none"),
+        ("Kp", "expected a camera and a projector, got one camera"),
+        ("kp", "no lens distortion is named for Kp.* projector_distortion=none"),
+        ("Rp", "no rotation between both devices .*--keys rotation="),
+        ("Tp", "no translation between both devices .*--keys translation="),
+        ("frameWidth", "the images' size is not in the file.*--keys camera_size="),
+        ("screenResY", "the projector's size is not in the file.*--keys projector_size="),
+    ],
+)
+def test_a_calibration_without_a_node_says_which_and_what_to_do(tmp_path, key, message):
     nodes = {name: value for name, value in SLSTUDIO.items() if name != key}
     path = written(tmp_path / "calibration.xml", nodes)
-    has = ", ".join(nodes)
-    with pytest.raises(FormatError, match=f"no node '{key}'; the file has {has}. Name the nodes"):
+    with pytest.raises((FormatError, AmbiguousError), match=message):
         read_projector_camera(path)
 
 
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("Kc", np.eye(2), r"node 'Kc' must be 3×3 or 9 numbers, got shape \(2, 2\)"),
-        ("Kp", PROJECTOR.matrix.T, "camera matrix must read .* is it transposed"),
+        ("Kc", np.eye(2), r"the file has Kc \(2×2\)"),
+        ("Kp", PROJECTOR.matrix.T, "'Kp' is a camera matrix transposed"),
         ("kp", np.zeros(3), "0, 4, 5, 8, 12, 14 coefficients in OpenCV's order, got 3"),
-        ("Rp", np.zeros((3, 1)), r"node 'Rp' must have shape \(3, 3\), got \(3, 1\)"),
-        ("frameWidth", np.eye(2), "node 'frameWidth' must be one number, got 4"),
-        ("screenResX", "wide", "node 'screenResX' must be numbers, got the text 'wide'"),
+        ("Rp", np.zeros((3, 1)), r"no rotation .* Rp \(3×1\)"),
+        ("frameWidth", np.eye(2), r"the images' size .* frameWidth \(2×2\)"),
+        ("screenResX", "wide", "the projector's size is not in the file"),
     ],
 )
 def test_a_malformed_node_is_named(tmp_path, key, value, message):
@@ -409,7 +425,7 @@ def test_a_malformed_node_is_named(tmp_path, key, value, message):
 
 def test_a_size_of_three_numbers_is_no_size(tmp_path):
     path = written(tmp_path / "calibration.xml", SIZE_PAIR | {"img_shape": np.ones(3)})
-    with pytest.raises(FormatError, match="node 'img_shape' must be 2 numbers, got 3"):
+    with pytest.raises(FormatError, match=r"the images' size .* img_shape \(3×1\)"):
         read_projector_camera(path, projector_size=(1024, 768))
 
 
@@ -422,12 +438,5 @@ def test_a_size_of_three_numbers_is_no_size(tmp_path):
 )
 def test_a_pose_that_is_none_names_the_file(tmp_path, key, value, message):
     path = written(tmp_path / "calibration.yml", SLSTUDIO | {key: value})
-    with pytest.raises(PoseError, match=f"calibration.yml: {message}"):
+    with pytest.raises(PoseError, match=f"calibration.yml: .*{message}"):
         read_projector_camera(path)
-
-
-def test_known_namings_name_six_nodes_each():
-    for keys in KNOWN_KEYS.values():
-        names = (keys.camera_matrix, keys.camera_distortion, keys.projector_matrix,
-                 keys.projector_distortion, keys.rotation, keys.translation_mm)  # fmt: skip
-        assert len(set(names)) == 6

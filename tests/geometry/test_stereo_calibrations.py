@@ -8,7 +8,6 @@ from exposight.errors import FormatError, PoseError
 from exposight.geometry import (
     PinholeCamera,
     RigidTransform,
-    is_stereo_file,
     read_camera_info,
     read_ros_camera_info,
     read_stereo_cameras,
@@ -139,7 +138,6 @@ def test_opencv_pair_in_one_file_or_two(tmp_path, files):
             opencv_file(tmp_path / "intrinsics.yml", nodes),
             opencv_file(tmp_path / "extrinsics.yml", extrinsics),
         ]
-    assert all(map(is_stereo_file, paths))
     pair = read_stereo_cameras(*paths, size=(640, 480))
     assert pair.images == "raw"
     assert pair.first.distortion == D
@@ -166,8 +164,8 @@ def test_baselines_of_p2_and_t_must_agree(tmp_path):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"T": None}, FormatError, "expected two cameras .*M1, D1"),
-        ({"R": np.full((3, 3), 2.0)}, PoseError, "rotation"),
+        ({"T": None}, FormatError, "no translation .*--keys translation="),
+        ({"R": np.full((3, 3), 2.0)}, PoseError, "not a rotation"),
         ({}, FormatError, "--image-size"),
     ],
 )

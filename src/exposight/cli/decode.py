@@ -17,12 +17,13 @@ from exposight.cli.app import UsageError
 from exposight.cli.decode_stereo import NO_PAIR, StereoOptions, decode_stereo
 from exposight.cli.guess_sequence import guess_result, guess_table, guessed
 from exposight.cli.result import Fact, Result, Written, fact
+from exposight.cli.sensor import Keys
 from exposight.contradictions import settle
 from exposight.contradictions.contradiction import check_names
 from exposight.contradictions.intersections import INTERSECTIONS
 from exposight.errors import CloudError
 from exposight.files import write_durably
-from exposight.geometry import ProjectorCamera, read_projector_camera
+from exposight.geometry import CalibrationKeys, ProjectorCamera, read_projector_camera
 from exposight.imaging.consistency import FRAME_CHECKS, map_contradiction
 from exposight.tables import Column, Table, count, number
 
@@ -51,6 +52,7 @@ def decode_command(
         tuple[float, float], Parameter("--depth-limits", metavar="NEAR FAR")
     ] = (0.0, np.inf),
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
+    keys: Keys = None,
     despite: Annotated[tuple[str, ...], Parameter(metavar="CHECK")] = (),
     grey_noise: Annotated[float | None, Parameter(validator=Number(gt=0, lt=255))] = None,
     limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
@@ -79,9 +81,8 @@ def decode_command(
     folder
         Folder of recorded frames.
     calibration
-        Camera, projector and the pose between them: OpenCV YAML or XML, with the names that
-        SLStudio or procam-calibration use. With --stereo, of two cameras: OpenCV's M1 D1 M2 D2 R T,
-        or the left camera's ROS camera_info.
+        Camera, projector and the pose between them, as any program writes them (docs/formats.md).
+        With --stereo, of two cameras, or the left camera's ROS camera_info.
     sequence
         What each frame shows: skull_gray, skull_2x3, board, or a TOML file.
     guess
@@ -98,6 +99,9 @@ def decode_command(
         Leave out points nearer or farther than this, mm.
     projector_size
         Projector's width and height in px, where the calibration lacks it.
+    keys
+        Which nodes of the calibration are what, where their names do not tell:
+        camera_matrix=Kleft,projector_matrix=Kright,rotation=R,translation=T (docs/formats.md).
     despite
         Go on although this check finds a contradiction between frames and sequence; repeat it for
         several.
@@ -115,6 +119,7 @@ def decode_command(
     if map_file is not None and map_file.suffix.lower() != ".npz":
         msg = f"--map writes a NumPy archive, .npz; got the name {map_file.name}"
         raise UsageError(msg)
+    named = None if keys is None else CalibrationKeys.parse(keys)
     if options := pair.options():
         if (
             pair.stereo is None
@@ -135,10 +140,11 @@ def decode_command(
             depth_limits_mm=depth_limits_mm,
             despite=despite,
             limits=limits,
+            keys=named,
         )
     proposed = None
     if guess and folder is not None and sequence is None:
-        proposed = guessed(folder, calibration, projector_size)
+        proposed = guessed(folder, calibration, projector_size, named)
         if calibration is None or (output is not None and output.suffix.lower() == ".toml"):
             return guess_result(folder, proposed, output)
     if calibration is None and map_file is not None and folder is not None and sequence is not None:
@@ -158,7 +164,7 @@ def decode_command(
     patterns = (
         imaging.sequence_named_or_read(sequence or "") if proposed is None else (proposed.sequence)
     )
-    rig = read_projector_camera(calibration, projector_size=projector_size)
+    rig = read_projector_camera(calibration, named, projector_size=projector_size)
     start = time.perf_counter()
     stack = imaging.read_recording(folder, patterns)
     decoded = imaging.decode(stack, patterns, limits, despite=despite)

@@ -23,7 +23,13 @@ from exposight.contradictions.contradiction import check_names
 from exposight.contradictions.epipolar import ROWS
 from exposight.errors import CloudError, ExposightError, SensorError
 from exposight.files import write_durably
-from exposight.geometry import ImageKind, PinholeCamera, StereoCameras, read_stereo_cameras
+from exposight.geometry import (
+    CalibrationKeys,
+    ImageKind,
+    PinholeCamera,
+    StereoCameras,
+    read_stereo_cameras,
+)
 from exposight.imaging.consistency import FRAME_CHECKS
 from exposight.imaging.stereo_match import MatchOutcome
 from exposight.tables import Column, Table, count, number
@@ -97,6 +103,7 @@ def decode_stereo(
     depth_limits_mm: tuple[float, float],
     despite: tuple[str, ...],
     limits: imaging.DecodingLimits,
+    keys: CalibrationKeys | None = None,
 ) -> Result:
     """Match two images, or the codes that two cameras decode.
 
@@ -131,7 +138,7 @@ def decode_stereo(
         if sequence is None
         else _codes(pair.stereo, imaging.sequence_named_or_read(sequence), limits, despite)
     )
-    cameras = _cameras(pair, calibration, work.shape)
+    cameras = _cameras(pair, calibration, work.shape, keys)
     depth_limits_mm = _depth_limits(pair, depth_limits_mm, needed=sequence is None)
     start = time.perf_counter()
     match = work.match(cameras, depth_limits_mm, despite)
@@ -241,7 +248,12 @@ class _Cameras:
     """What else the cameras may be, by the option that says so."""
 
 
-def _cameras(pair: StereoOptions, calibration: Path | None, shape: tuple[int, ...]) -> _Cameras:
+def _cameras(
+    pair: StereoOptions,
+    calibration: Path | None,
+    shape: tuple[int, ...],
+    keys: CalibrationKeys | None,
+) -> _Cameras:
     """Return the pair of --sensor, or of --calibration."""
     if (pair.sensor is None) == (calibration is None):
         msg = "two cameras are described by --sensor or by --calibration: give one of both"
@@ -264,12 +276,14 @@ def _cameras(pair: StereoOptions, calibration: Path | None, shape: tuple[int, ..
     files = (calibration, pair.right_calibration)
     size = (shape[1], shape[0])
     images = image_kind(pair.rectified)
-    cameras = read_stereo_cameras(*files, images=images, size=size)
+    cameras = read_stereo_cameras(*files, keys=keys, images=images, size=size)
     for camera in (cameras.first, cameras.second):
         _check_principal_point(camera, calibration)
     other: ImageKind = "raw" if cameras.images == "rectified" else "rectified"
     try:
-        others = {f"--{other}": _pair(read_stereo_cameras(*files, images=other, size=size))}
+        others = {
+            f"--{other}": _pair(read_stereo_cameras(*files, keys=keys, images=other, size=size))
+        }
     except ExposightError:  # not in the calibration
         others = {}
     return _Cameras(rectified=_pair(cameras), others=others)

@@ -6,7 +6,7 @@ from pathlib import Path
 from exposight import imaging
 from exposight.cli.result import Result, Written, fact
 from exposight.files import write_durably
-from exposight.geometry import read_projector_camera
+from exposight.geometry import CalibrationKeys, read_projector_camera
 from exposight.imaging.frame_files import Alignment
 from exposight.imaging.guessing import Guess, guess_sequence
 from exposight.imaging.unknown_recording import read_unknown_recording
@@ -14,7 +14,10 @@ from exposight.tables import Column, Table
 
 
 def guessed(
-    folder: Path, calibration: Path | None, projector_size: tuple[int, int] | None
+    folder: Path,
+    calibration: Path | None,
+    projector_size: tuple[int, int] | None,
+    keys: CalibrationKeys | None = None,
 ) -> Guess:
     """Propose a sequence for the frames of a folder; a calibration tells the projector's size.
 
@@ -24,7 +27,7 @@ def guessed(
         If the frames or the calibration cannot be read, or nothing can be told.
     """
     if calibration is not None:
-        rig = read_projector_camera(calibration, projector_size=projector_size)
+        rig = read_projector_camera(calibration, keys, projector_size=projector_size)
         projector_size = rig.projector.width, rig.projector.height
     recording = read_unknown_recording(folder)
     guess = guess_sequence(

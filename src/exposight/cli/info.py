@@ -18,15 +18,10 @@ from exposight.cli.model_facts import hyperparameter_table, left_out_table, mode
 from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
 from exposight.cli.terminal import progress_bars
-from exposight.errors import FormatError, MissingFileError, did_you_mean
+from exposight.errors import AmbiguousError, FormatError, MissingFileError, did_you_mean
 from exposight.files import read_bytes
-from exposight.geometry import (
-    KNOWN_KEYS,
-    is_stereo_file,
-    read_camera_info,
-    read_opencv_file,
-    read_projector_camera,
-)
+from exposight.geometry import read_calibration, read_calibration_nodes
+from exposight.geometry.camera_info import camera_info, camera_infos
 from exposight.geometry.meshes import MESH_SUFFIXES
 from exposight.imaging import SEQUENCE_PRESETS, read_map, read_sequence
 from exposight.measuring import read_state, recorded_driver
@@ -304,25 +299,26 @@ def _frames(path: Path) -> Iterator[Fact]:
 
 @_kind("calibration", "OpenCV .xml, .yml, .yaml", _named(".xml", ".yml", ".yaml"))
 def _calibration(path: Path) -> Iterator[Fact]:
-    nodes = set(read_opencv_file(path).nodes)
-    if is_stereo_file(path):
-        yield fact("form", "OpenCV, two cameras")
-        yield fact("nodes", sorted(nodes), ", ".join(sorted(nodes)))
-        return
-    program = next((name for name, keys in KNOWN_KEYS.items() if keys.camera_matrix in nodes), None)
-    yield fact("form", program or "ROS camera_info")
-    if program is None:
-        info = read_camera_info(path)
+    file = read_calibration_nodes(path)
+    infos = camera_infos(file)
+    if len(infos) == 1:
+        info = camera_info(infos[0])
+        yield fact("form", "ROS camera_info")
         yield from camera_facts("camera", info.raw)
         if info.rectified is not None:
             yield from camera_facts("rectified_camera", info.rectified)
-    elif KNOWN_KEYS[program].projector_size is None:
-        yield fact("projector_size_px", None, "not in the file; give --projector-size W H")
-    else:
-        rig = read_projector_camera(path)
-        yield from camera_facts("camera", rig.camera)
-        yield from camera_facts("projector", rig.projector)
-        yield fact("baseline_mm", float(np.linalg.norm(rig.camera_from_projector.translation_mm)))
+        return
+    yield fact("nodes", sorted(file.nodes), ", ".join(sorted(file.nodes)))
+    try:
+        found = read_calibration(path, images="raw")
+    except (FormatError, AmbiguousError) as error:  # a size, or which node is what
+        yield fact("open_question", str(error))
+        return
+    yield from camera_facts("camera", found.camera)
+    for name, other in (("second_camera", found.second), ("projector", found.projector)):
+        if other is not None and found.transform is not None:
+            yield from camera_facts(name, other)
+            yield fact("baseline_mm", float(np.linalg.norm(found.transform.translation_mm)))
 
 
 @_kind("pattern sequence", ".toml", _named(".toml"))

@@ -1,13 +1,16 @@
 """Pure geometry: rigid transforms, pinhole cameras, hollow cylinders. No sensor in it."""
 
 from exposight.geometry.calibration_files import (
-    KNOWN_KEYS,
-    CalibrationKeys,
     ProjectorCamera,
-    read_opencv_file,
+    projector_camera,
+    read_calibration,
     read_projector_camera,
+    read_stereo_cameras,
 )
-from exposight.geometry.camera_info import ImageKind, read_camera_info, read_ros_camera_info
+from exposight.geometry.calibration_keys import CalibrationKeys
+from exposight.geometry.calibration_nodes import CalibrationNodes, read_calibration_nodes
+from exposight.geometry.calibrations import Calibration, ImageKind
+from exposight.geometry.camera_info import read_camera_info, read_ros_camera_info
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.cylinders import (
     HollowCylinder,
@@ -25,11 +28,8 @@ from exposight.geometry.pose_files import read_named_poses, read_pose
 from exposight.geometry.pose_matrices import check_length_unit
 from exposight.geometry.pose_texts import parse_pose
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
-from exposight.geometry.stereo_calibrations import (
-    StereoCameras,
-    is_stereo_file,
-    read_stereo_cameras,
-)
+from exposight.geometry.stereo_calibrations import StereoCameras
+from exposight.geometry.uncalibrated import uncalibrated_camera
 from exposight.geometry.written_poses import (
     PoseNotation,
     pose_columns,

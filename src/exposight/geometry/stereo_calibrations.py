@@ -1,52 +1,24 @@
-"""Calibrations of two cameras: OpenCV's ``stereoCalibrate``, and two ROS ``camera_info``.
+"""Two cameras: from two ROS ``camera_info``, and rectified ones by OpenCV's ``stereoRectify``.
 
 OpenCV's stereo sample writes M1, D1, M2, D2 to one file and R, T to another, where X₂ = R·X₁ + T
 takes a point from the first camera's frame to the second's: T is not the second camera's place.
 ``stereoRectify`` adds P1 and P2 of the rectified images. None of them holds the images' size.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from types import MappingProxyType
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exposight.contradictions import settle
 from exposight.contradictions.rigs import baseline
-from exposight.errors import FormatError, PoseError, SensorError
-from exposight.geometry.calibration_files import (
-    OpenCVFile,
-    read_camera,
-    read_opencv_file,
-    read_size,
-)
-from exposight.geometry.camera_info import (
-    CameraInfo,
-    ImageKind,
-    alike,
-    either_kind,
-    is_camera_info,
-    read_camera_info,
-)
+from exposight.errors import FormatError, SensorError
+from exposight.geometry.calibration_nodes import CalibrationNodes
+from exposight.geometry.calibrations import Calibration, ImageKind
+from exposight.geometry.camera_info import CameraInfo, alike, either_kind
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.poses import RigidTransform
 
-STEREO_KEYS: Mapping[str, tuple[str, str, str, str]] = MappingProxyType(
-    {
-        "opencv": ("M1", "D1", "M2", "D2"),
-        "opencv, by K": ("K1", "D1", "K2", "D2"),
-        "opencv, spelled out": ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2"),
-    }
-)
-"""Names of the nodes: matrix and distortion of the first and of the second camera."""
-
-_SIZES = (
-    ("image_width", "image_height"),
-    ("imageWidth", "imageHeight"),
-    ("width", "height"),
-)
 _SAME_BASELINE = 0.01
 """P2 and T of one calibration give the same baseline but for rounding."""
 
@@ -80,64 +52,42 @@ class StereoCameras:
         """Distance between both cameras."""
         return float(np.linalg.norm(self.first_from_second.translation_mm))
 
+    @classmethod
+    def of(cls, calibration: Calibration) -> Self:
+        """Return a calibration's two cameras.
 
-def is_stereo_file(path: str | Path) -> bool:
-    """Tell whether an OpenCV file holds two cameras, or the pose between two.
-
-    Raises
-    ------
-    MissingFileError, FormatError
-        As `read_opencv_file`.
-    """
-    nodes = read_opencv_file(path).nodes
-    return _keys(nodes) is not None or ({"R", "T"} <= set(nodes) and "K" not in nodes)
-
-
-def read_stereo_cameras(
-    path: str | Path,
-    second: str | Path | None = None,
-    *,
-    images: ImageKind | None = None,
-    size: tuple[int, int] | None = None,
-) -> StereoCameras:
-    """Read two cameras from OpenCV's stereo files, or from two ROS ``camera_info``.
-
-    Parameters
-    ----------
-    path : path
-        OpenCV's M1, D1, M2, D2, and R, T with them or in the second file; or the left camera's
-        ``camera_info``.
-    second : path, optional
-        OpenCV's R and T, or the right camera's ``camera_info``, whose P[3] is −fx·baseline with the
-        baseline in m, as ROS has it.
-    images : {'raw', 'rectified'}, optional
-        What was saved. Needed where the files describe both and they differ.
-    size : (int, int), px, optional
-        Width and height of the images, which OpenCV's files do not hold.
-
-    Raises
-    ------
-    MissingFileError, FormatError
-        If a file or node is missing or malformed, or the size or the kind of the images is not
-        known.
-    PoseError
-        If R is no rotation.
-    ContradictionError
-        If the cameras cannot stand so close, or so far apart.
-    """
-    files = [read_opencv_file(each) for each in (path, second) if each is not None]
-    if all(map(is_camera_info, files)):
-        if second is None:
-            msg = f"{path}: one camera; a stereo pair needs the right one's camera_info as well"
+        Raises
+        ------
+        FormatError
+            If it is of one camera.
+        """
+        if calibration.second is None or calibration.transform is None:
+            msg = (
+                f"{calibration.source}: expected two cameras with R and T, in one file or two, or "
+                "two ROS camera_infos, got one camera; a stereo pair needs the right one's "
+                "camera_info as well"
+            )
             raise FormatError(msg)
-        return _ros_pair(read_camera_info(path), read_camera_info(second), images)
-    return _opencv_pair(_together(files), images, size)
+        return cls(
+            first=calibration.camera,
+            second=calibration.second,
+            first_from_second=calibration.transform.inverse(),
+            images=calibration.images,
+            source=calibration.source,
+        )
 
 
-# -- ROS ----------------------------------------------------------------------------------------
+def ros_pair(left: CameraInfo, right: CameraInfo, images: ImageKind | None) -> Calibration:
+    """Return the cameras of two ``camera_info``.
 
-
-def _ros_pair(left: CameraInfo, right: CameraInfo, images: ImageKind | None) -> StereoCameras:
+    Raises
+    ------
+    FormatError
+        If one has no P, the baseline is none, or raw and rectified images differ and it was not
+        said which were saved.
+    ContradictionError
+        If they cannot stand so close or so far apart.
+    """
     for each in (left, right):
         if each.rectified is None:
             msg = (
@@ -164,80 +114,66 @@ def _ros_pair(left: CameraInfo, right: CameraInfo, images: ImageKind | None) -> 
             rotation=from_rectified @ right.rectified_from_raw,
             translation_mm=from_rectified @ place,
         )
-    return StereoCameras(
-        first=cameras[0],
-        second=cameras[1],
-        first_from_second=pose,
-        images=images or "rectified",
+    calibration = Calibration(
         source=f"{right.path}, whose P[3] is −fx·baseline in m,",
+        camera=cameras[0],
+        second=cameras[1],
+        transform=pose.inverse(),
+        images=images or "rectified",
     )
+    StereoCameras.of(calibration)  # checks the baseline
+    return calibration
 
 
-# -- OpenCV -------------------------------------------------------------------------------------
+def rectified_if_said(
+    raw: Calibration, file: CalibrationNodes, images: ImageKind | None
+) -> Calibration:
+    """Return two cameras as they are of the saved images: raw, or by P1 and P2.
 
-
-def _together(files: list[OpenCVFile]) -> OpenCVFile:
-    nodes = {name: node for file in files for name, node in file.nodes.items()}
-    return replace(files[0], nodes=nodes)
-
-
-def _keys(nodes: Mapping[str, object]) -> tuple[str, str, str, str] | None:
-    return next((keys for keys in STEREO_KEYS.values() if set(keys) <= set(nodes)), None)
-
-
-def _opencv_pair(
-    file: OpenCVFile, images: ImageKind | None, size: tuple[int, int] | None
-) -> StereoCameras:
-    keys = _keys(file.nodes)
-    if keys is None or not {"R", "T"} <= set(file.nodes):
-        known = "; ".join(", ".join(names) for names in STEREO_KEYS.values())
-        msg = (
-            f"{file.path}: expected two cameras ({known}) with R and T, in one file or two, or two "
-            f"ROS camera_infos; got {', '.join(file.nodes)}"
-        )
-        raise FormatError(msg)
-    size = size or _image_size(file)
-    raw = (read_camera(file, keys[0], keys[1], size), read_camera(file, keys[2], keys[3], size))
-    translation_mm = file.matrix("T")
-    try:
-        second_from_first = RigidTransform(
-            rotation=file.matrix("R", (3, 3)), translation_mm=translation_mm.reshape(-1)
-        )
-    except PoseError as error:
-        msg = f"{file.path}: {error}"
-        raise PoseError(msg) from error
-    raw_pair = StereoCameras(
-        first=raw[0],
-        second=raw[1],
-        first_from_second=second_from_first.inverse(),
-        images="raw",
-        source=str(file.path),
-    )
-    if not {"P1", "P2"} <= set(file.nodes):
+    Raises
+    ------
+    FormatError
+        If both are in the file and differ and it was not said which were saved, rectified ones are
+        said and are not in it, or their baseline is not T's.
+    """
+    names = [
+        next((name for name in file.nodes if name.rpartition(".")[2] == leaf), None)
+        for leaf in ("P1", "P2")
+    ]
+    if images == "raw":
+        return raw
+    if names[0] is None or names[1] is None:
         if images == "rectified":
             msg = (
                 f"{file.path}: no P1 and P2, which rectified images need; add the file in which "
                 "stereoRectify's results were written"
             )
             raise FormatError(msg)
-        return raw_pair
-    if images == "raw":
-        return raw_pair
-    rectified = _opencv_rectified(file, size, raw_pair.baseline_mm)
+        return raw
+    assert raw.second is not None
+    rectified = _rectified(raw, file, names[0], names[1])
     if images is None:
-        for names, one, other in (
-            ((f"{keys[0]} and {keys[1]}", "P1"), raw_pair.first, rectified.first),
-            ((f"{keys[2]} and {keys[3]}", "P2"), raw_pair.second, rectified.second),
+        for device, name, one, other in (
+            ("first camera", names[0], raw.camera, rectified.camera),
+            ("second camera", names[1], raw.second, rectified.second),
         ):
+            assert other is not None
             if not alike(one, other):
-                raise FormatError(either_kind(file.path, (names[0], one), (names[1], other)))
+                of_raw = " and ".join(
+                    node for node, what in raw.taken.items()
+                    if what.partition(":")[0] == device and not what.endswith("size")
+                )  # fmt: skip
+                raise FormatError(either_kind(file.path, (of_raw, one), (name, other)))
     return rectified
 
 
-def _opencv_rectified(file: OpenCVFile, size: tuple[int, int], baseline_mm: float) -> StereoCameras:
+def _rectified(raw: Calibration, file: CalibrationNodes, left: str, right: str) -> Calibration:
     """Return the cameras of P1 and P2, whose baseline must be T's."""
-    first, second = (_projection(file, key, size) for key in ("P1", "P2"))
-    offset_mm = -float(file.matrix("P2")[0, 3]) / second.fx
+    size = (raw.camera.width, raw.camera.height)
+    first, second = (_projection(file, key, size) for key in (left, right))
+    assert raw.transform is not None
+    baseline_mm = float(np.linalg.norm(raw.transform.translation_mm))
+    offset_mm = -float(file.matrix(right, (3, 4))[0, 3]) / second.fx
     if abs(offset_mm - baseline_mm) > _SAME_BASELINE * baseline_mm:
         msg = (
             f"{file.path}: P2 puts the second camera {offset_mm:.4g} mm to the right of the first, "
@@ -245,27 +181,19 @@ def _opencv_rectified(file: OpenCVFile, size: tuple[int, int], baseline_mm: floa
             "first"
         )
         raise FormatError(msg)
-    return StereoCameras(
-        first=first,
+    return replace(
+        raw,
+        camera=first,
         second=second,
-        first_from_second=RigidTransform(translation_mm=np.array([offset_mm, 0.0, 0.0])),
+        transform=RigidTransform(translation_mm=np.array([-offset_mm, 0.0, 0.0])),
         images="rectified",
-        source=str(file.path),
     )
 
 
-def _projection(file: OpenCVFile, key: str, size: tuple[int, int]) -> PinholeCamera:
-    matrix: NDArray[np.float64] = file.matrix(key, (3, 4))
+def _projection(file: CalibrationNodes, key: str, size: tuple[int, int]) -> PinholeCamera:
+    matrix = file.matrix(key, (3, 4))
     try:
         return PinholeCamera.from_matrix(matrix[:, :3], width=size[0], height=size[1])
     except SensorError as error:
         msg = f"{file.path}: {key}: {error}"
         raise FormatError(msg) from error
-
-
-def _image_size(file: OpenCVFile) -> tuple[int, int]:
-    for keys in _SIZES:
-        if set(keys) <= set(file.nodes):
-            return read_size(file, keys)
-    msg = f"{file.path}: the images' size is not in it; give it with --image-size WIDTH HEIGHT"
-    raise FormatError(msg)
