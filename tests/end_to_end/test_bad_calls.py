@@ -213,7 +213,7 @@ def test_a_robot_that_nobody_knows(single_options, tmp_path, failing):
     del single_options["--pose"]
     call = observe_single(single_options, tmp_path)
     message = failing(*call, "--robot-pose", "staubli", "0,0,0,0,0,0")
-    assert "rotation_vector or matrix, got 'staubli'" in message
+    assert "halcon or matrix, got 'staubli'" in message
 
 
 def test_a_robot_s_pose_with_a_number_missing(single_options, tmp_path, failing):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exposight.errors import AmbiguousError, InputError, MissingFileError, PoseError
+from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError, PoseError
 from exposight.files import Reading, collected_remarks, reading_as
 from exposight.geometry import RigidTransform, parse_pose, read_named_poses, read_pose
 
@@ -261,3 +261,40 @@ def test_forms_of_one_pose_agree(position, angles):
 def test_any_text_is_read_or_refused(text):
     with contextlib.suppress(InputError):
         assert np.isfinite(parse_pose(None, text).to_matrix()).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"name,x_mm,y_mm,z_mm,w,p,r\nv1,{X},{Y},{Z},10,-20,30\nv2,{X},{Y},{Z},10,-20,30\n",
+        "Punkt;X [mm];Y [mm];Z [mm];A;B;C\n"
+        + "".join(f"v{i};{X};{Y};{Z};{A:.6f};{B:.6f};{C:.6f}\n".replace(".", ",") for i in (1, 2)),
+        "view\tqw\tqx\tqy\tqz\ttx_m\tty_m\ttz_m\n"
+        + "".join(f"v{i}\t" + "\t".join(f"{n:.9f}" for n in [*Q, *M_PER_S]) + "\n" for i in (1, 2)),
+        "name,"
+        + ",".join(
+            f"r{i}{j}" if j < 4 else f"{'xyz'[i - 1]}_mm" for i in (1, 2, 3) for j in (1, 2, 3, 4)
+        )
+        + "\n"
+        + "".join(f"v{i}," + ",".join(map(str, M[:3].ravel())) + "\n" for i in (1, 2)),
+    ],
+)
+def test_tables_have_a_pose_a_row(tmp_path, text):
+    path = tmp_path / "poses.csv"
+    path.write_text(text)
+    poses = read_named_poses(path)
+    assert list(poses) == ["v1", "v2"]
+    for pose in poses.values():
+        assert pose.to_matrix() == pytest.approx(M, abs=2e-5)
+
+
+def test_faults_of_a_table_come_all_at_once(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(
+        "name,x,y,z,qw,qx,qy,qz\na,1,2,300,1,0,0,0\nb,1,2,300,2,0,0,0\nc,1,2,300,1,0,0,\n"
+    )
+    with pytest.raises(FormatError, match=r"2 of 3 rows.*line 3.*norm 1.*line 4: qz is empty"):
+        read_named_poses(path)
+    path.write_text("name,x,y,z,rx,ry,rz\na,1,2,300,1,0,0\n")
+    with pytest.raises(AmbiguousError, match="rotation vector"):
+        read_named_poses(path)

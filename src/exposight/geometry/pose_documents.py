@@ -273,7 +273,7 @@ def named_numbers_pose(
     PoseError
         If the numbers are no pose.
     """
-    named = {_stem(key): (value, _suffix(key)) for key, value in numbers.items()}
+    named = {stem_of(key): (value, _suffix(key)) for key, value in numbers.items()}
     if not {"x", "y", "z"} <= named.keys():
         return None
     position = [named[axis][0] for axis in "xyz"]
@@ -323,7 +323,8 @@ def _named_pose(
     )
 
 
-def _stem(key: str) -> str:
+def stem_of(key: str) -> str:
+    """Return the number that a key or column means: x of ``pos_x [mm]``, qw of ``quat_w``."""
     word = key.strip().lower()
     for bracket in "[(":
         word = word.split(bracket)[0].strip()

@@ -9,6 +9,7 @@ import numpy as np
 from exposight.errors import InputError, MissingFileError, PoseError, did_you_mean
 from exposight.files import Reading, read_bytes, reading_as, recognised
 from exposight.geometry.pose_matrices import matrix_pose, plain_poses
+from exposight.geometry.pose_tables import table_poses
 from exposight.geometry.pose_texts import poses_in_text
 from exposight.geometry.poses import RigidTransform
 from exposight.geometry.printed_poses import WrittenPose
@@ -146,7 +147,8 @@ def _poses_in(path: Path, notation: str | None) -> list[WrittenPose]:
         if data[:6] == b"\x93NUMPY":
             found = _of_array(data, path)
         else:
-            found = poses_in_text(_decoded(data), path, notation)
+            found = [] if notation else table_poses(data, path)
+            found = found or poses_in_text(_decoded(data), path, notation)
     except PoseError as error:
         if str(path) in str(error):
             raise
