@@ -293,19 +293,18 @@ def test_columns_may_stand_in_any_order_and_say_the_notation(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("w_deg", "w_rad", r"poses\.csv: expected the columns of a fanuc pose.*w_rad is in rad"),
-        ("x_mm", "x", "x has no unit: convert to mm"),
-        (",name", ",remark", "expected the columns of a fanuc pose"),
+        ("w_deg", "w_rad", r"poses\.csv, line 2: w, p, r are in different units"),
+        ("x_mm", "x_m", "x, y and z are in different units: m, mm"),
+        ("exposures_ms", "exposure", "go into a column exposures_ms, got exposure"),
         ("r_deg", "p_deg", "expected the columns of a fanuc pose"),
-        (",", ";", "separated by semicolons"),
-        ("20,15", "20", r"poses\.csv, row 4: expected 8 cells, got 7"),
-        ("20,15", "20,here", r"row 4, column y_mm: expected a number, got 'here'"),
-        ("20,15", "20,inf", r"row 4, column y_mm: expected a finite number"),
-        ("7 30", "7 x", r"row 4, column exposures_ms: expected a number, got 'x'"),
+        ("20,15", "20", r"poses\.csv: expected 8 cells .* line 4 has 7"),
+        ("20,15", "20,here", r"line 4, y_mm: 'here'"),
+        ("20,15", "20,inf", r"line 4, column y_mm: expected a finite number"),
+        ("7 30", "7 x", r"line 4, column exposures_ms: expected a number, got 'x'"),
         ("7 30", "7 -3", r"exposures_ms must all be above 0"),
         ("start", "end", "two poses are called 'end'"),
         (CSV, "x_mm,y_mm,z_mm,w_deg,p_deg,r_deg", "poses 'robot': rows is empty"),
-        (CSV, "x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,1,1,0,0", r"poses\.csv, row 2: .*norm 1"),
+        (CSV, "x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,1,1,0,0", r"poses\.csv, line 2: .*norm 1"),
     ],
 )
 def test_a_wrong_csv_file_says_what_is_wrong(tmp_path, old, new, message):
@@ -326,4 +325,50 @@ def test_a_missing_csv_file_is_named(tmp_path):
         plan_from_text(
             HEAD + '[[poses]]\nname = "a"\nframe = "part_from_tcp"\nfile = "poses.csv"',
             folder=tmp_path,
+        )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        CSV.replace(",", ";").replace("10.5", "10,5"),
+        CSV.replace("x_mm", "X").replace("y_mm", "Y [mm]").replace("name", "view"),
+    ],
+)
+def test_a_table_may_be_in_another_dialect(tmp_path, text):
+    expected = _read_csv(tmp_path, CSV).poses[0]
+    (poses,) = _read_csv(tmp_path, text).poses
+    views, others = (list(each.views(CAMERA_FROM_TCP)) for each in (poses, expected))
+    assert [(v[0], v[3]) for v in views] == [(v[0], v[3]) for v in others]
+    for (_, pose, *_), (_, other, *_) in zip(views, others, strict=True):
+        assert pose.to_matrix() == pytest.approx(other.to_matrix(), abs=1e-9)
+
+
+def test_a_robots_program_and_the_chain_make_a_list(tmp_path):
+    flange = RigidTransform.from_kuka_abc((900, -250, 1100), 30, 12, 171)
+    hand_eye = RigidTransform.from_fanuc_wpr((40, -75, 120), 3, -5, 88)
+    part = RigidTransform.from_fanuc_wpr((4, -3, 500), 180, 8, 0)
+    np.savetxt(tmp_path / "hand_eye.txt", hand_eye.to_matrix())
+    np.savetxt(tmp_path / "part.txt", (flange @ hand_eye @ part).to_matrix())
+    x, y, z = flange.translation_mm
+    numbers = f"{{X {x},Y {y},Z {z},A 30.0,B 12.0,C 171.0,S 2,T 1}}"
+    (tmp_path / "door.dat").write_text(f"DECL E6POS XP1={numbers}\nDECL E6POS XP2={numbers}\n")
+    entry = """
+[[poses]]
+name = "robot"
+frame = "base_from_flange"
+file = "door.dat"
+hand_eye = "hand_eye.txt"
+part_in_base = "part.txt"
+exposures_ms = [40]
+"""
+    (poses,) = plan_from_text(HEAD + entry, folder=tmp_path).poses
+    views = list(poses.views(CAMERA_FROM_TCP))
+    assert [view[0] for view in views] == ["XP1", "XP2"]
+    assert views[1][1].to_matrix() == pytest.approx(part.to_matrix(), abs=1e-6)
+    with pytest.raises(FormatError, match="needs part_in_base"):
+        plan_from_text(HEAD + entry.replace('part_in_base = "part.txt"', ""), folder=tmp_path)
+    with pytest.raises(FormatError, match='go with frame = "base_from_flange"'):
+        plan_from_text(
+            HEAD + entry.replace("base_from_flange", "camera_from_part"), folder=tmp_path
         )

@@ -26,6 +26,7 @@ from exposight.geometry.hand_eye import camera_from_held_part, camera_from_part_
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
 from exposight.geometry.pose_files import read_named_poses, read_pose
 from exposight.geometry.pose_matrices import check_length_unit
+from exposight.geometry.pose_tables import is_pose_header, poses_of_table
 from exposight.geometry.pose_texts import parse_pose
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
 from exposight.geometry.stereo_calibrations import StereoCameras

@@ -278,11 +278,17 @@ def named_numbers_pose(
         return None
     position = [named[axis][0] for axis in "xyz"]
     units = {named[axis][1] for axis in "xyz"} - {""}
-    unit = next(iter(units)) if len(units) == 1 and units <= UNIT_MM.keys() else unit
+    if len(units) > 1:
+        msg = f"{source}: x, y and z are in different units: {', '.join(sorted(units))}"
+        raise PoseError(msg)
+    unit = next(iter(units)) if units and units <= UNIT_MM.keys() else unit
     for kind, keys in _KINDS.items():
         if set(keys) <= named.keys():
             values = [named[key][0] for key in keys]
             angle_units = {named[key][1] for key in keys} - {""}
+            if len(angle_units) > 1:
+                msg = f"{source}: {', '.join(keys)} are in different units"
+                raise PoseError(msg)
             return _named_pose(kind, position, values, source, unit, angle_units)
     return None
 

@@ -52,7 +52,7 @@ from exposight.files import check_header, read_text, validate, write_durably
 from exposight.plans import positions
 from exposight.plans.plain_yaml import load_yaml
 from exposight.plans.plan import MeasuringPlan
-from exposight.plans.pose_lists import PoseList, read_pose_table
+from exposight.plans.pose_lists import PoseList, read_pose_table, through_hand_eye
 
 logger = logging.getLogger(__name__)
 
@@ -269,6 +269,7 @@ def _write_out_poses(group: dict[str, Any], folder: Path) -> None:
         group.update(read_pose_table(folder / file, notation, times_ms))
     elif isinstance(rows, list) and notation == "matrix":
         group["rows"] = [_flat(row) for row in rows]
+    through_hand_eye(group, folder)
 
 
 def _flat(matrix: object) -> object:

@@ -1,16 +1,26 @@
 """Lists of poses, one view each, as people, robots and programs write them down."""
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from exposight.errors import FormatError, InputError
-from exposight.files import read_text, unit_hint
-from exposight.geometry import PoseNotation, RigidTransform, pose_columns, pose_from_numbers
+from exposight.files import TextTable, read_table, unit_hint
+from exposight.geometry import (
+    PoseNotation,
+    RigidTransform,
+    camera_from_part_of,
+    is_pose_header,
+    pose_columns,
+    pose_from_numbers,
+    poses_of_table,
+    read_named_poses,
+    read_pose,
+)
 from exposight.plans.positions import check_exposures, check_name, first_twice, numbered_names
 
 PoseFrame = Literal["camera_from_part", "part_from_camera", "tcp_from_part", "part_from_tcp"]
@@ -172,15 +182,17 @@ def _check_pose(notation: str, numbers: Sequence[float], place: str) -> None:
 
 
 def read_pose_table(path: Path, notation: str, exposures_ms: Sequence[float]) -> dict[str, Any]:
-    """Read poses from a CSV file, as keys and values of a `PoseList`.
+    """Read poses from a file, as keys and values of a `PoseList`.
 
     Parameters
     ----------
     path : Path
-        Its header names the columns of one notation, in any order, and optionally ``name`` and
-        ``exposures_ms`` (exposure times with blanks between).
+        A table in any dialect, whose header names the columns of one notation, in any order, and
+        optionally ``name`` and ``exposures_ms`` (exposure times with blanks between); or poses in
+        another form of `exposight.geometry.read_named_poses`, such as a robot's program, which
+        become matrices.
     notation : str
-        Which one it shall be; empty for that of the header.
+        Which one it shall be; empty for that of the file.
     exposures_ms : sequence of float, ms
         Exposure times of rows that give none.
 
@@ -189,42 +201,79 @@ def read_pose_table(path: Path, notation: str, exposures_ms: Sequence[float]) ->
     MissingFileError
         If it is not there.
     FormatError
-        If the header is that of no notation, or a row is no pose. The message names the row; the
-        header is row 1.
+        If the header is that of no notation, or a row is no pose. The message names the line.
+    AmbiguousError
+        If two readings of the file fit.
     """
-    text = read_text(path, "list of poses in CSV")
-    lines = list(csv.reader(io.StringIO(text, newline="")))
-    header = [cell.strip() for cell in lines[0]] if lines else []
-    notation = notation or _notation(header)
-    columns = pose_columns(notation)
+    if path.suffix.lower() != ".csv":
+        return _named_poses(path, notation)
+    table = read_table(path, "list of poses in CSV")
+    header = list(table.header)
+    columns = pose_columns(notation or _notation(header))
     if len(set(header)) < len(header) or {*header} - {"name", "exposures_ms"} != {*columns}:
+        return _other_table(table, notation, columns, exposures_ms)
+    numbers = np.reshape(table.numbers(*columns), (len(table), len(columns)))
+    for line, row in zip(table.lines, numbers.tolist(), strict=True):
+        place = f"{path}, line {line}"
+        if not np.isfinite(row).all():
+            column = columns[int(np.argmin(np.isfinite(row)))]
+            msg = f"{place}, column {column}: expected a finite number"
+            raise FormatError(msg)
+        _check_pose(notation or _notation(header), row, place)
+    table.say()
+    return {
+        "notation": notation or _notation(header),
+        "rows": numbers.tolist(),
+        "names": table.texts("name") if "name" in header else [],
+        "exposures_each_ms": _exposures(table, exposures_ms),
+    }
+
+
+def _named_poses(path: Path, notation: str) -> dict[str, Any]:
+    poses = read_named_poses(path, notation or None)
+    return {**_matrices(list(poses.values())), "names": list(poses)}
+
+
+def _matrices(poses: Sequence[RigidTransform]) -> dict[str, Any]:
+    return {"notation": "matrix", "rows": [pose.to_matrix().ravel().tolist() for pose in poses]}
+
+
+def _other_table(
+    table: TextTable, notation: str, columns: Sequence[str], exposures_ms: Sequence[float]
+) -> dict[str, Any]:
+    """Read a table whose columns have other names than a notation's."""
+    header = list(table.header)
+    if notation or not is_pose_header(header):
         msg = (
-            f"{path}: expected the columns of a {notation} pose, {','.join(columns)}"
-            f"[,name][,exposures_ms], got {','.join(header)}"
+            f"{table.source}: expected the columns of a {notation or _notation(header)} pose, "
+            f"{','.join(columns)}[,name][,exposures_ms], got {','.join(header)}"
         )
         hints = [unit_hint(column, columns) for column in header if column not in columns]
-        if ";" in "".join(header):
-            hints = ["the columns are separated by semicolons: save the file with commas"]
         raise FormatError("; ".join([msg, *filter(None, hints)]))
-    table: dict[str, Any] = {"notation": notation, "rows": [], "names": [], "exposures_each_ms": []}
-    for number, line in enumerate(lines[1:], start=2):
-        if not any(map(str.strip, line)):
-            continue
-        place = f"{path}, row {number}"
-        if len(line) != len(header):
-            msg = f"{place}: expected {len(header)} cells, got {len(line)}"
-            raise FormatError(msg)
-        cells = dict(zip(header, map(str.strip, line), strict=True))
-        row = [_number(cells[column], f"{place}, column {column}") for column in columns]
-        _check_pose(notation, row, place)
-        table["rows"].append(row)
-        if "name" in cells:
-            table["names"].append(cells["name"])
-        if "exposures_ms" in cells:
-            times = cells["exposures_ms"].split()
-            given = [_number(time, f"{place}, column exposures_ms") for time in times]
-            table["exposures_each_ms"].append(given or list(exposures_ms))
-    return table
+    if strange := [c for c in header if "exp" in c.lower() and c != "exposures_ms"]:
+        msg = f"{table.source}: exposure times go into a column exposures_ms, got {strange[0]}"
+        raise FormatError(msg)
+    poses = poses_of_table(table)
+    table.say()
+    names = [pose.name for pose in poses]
+    return {
+        **_matrices([pose.pose for pose in poses]),
+        "names": names if all(names) else [],
+        "exposures_each_ms": _exposures(table, exposures_ms),
+    }
+
+
+def _exposures(table: TextTable, exposures_ms: Sequence[float]) -> list[list[float]]:
+    """Return the exposure times of each row; empty where the table has no such column."""
+    if "exposures_ms" not in table.header:
+        return []
+    each = []
+    for line, cell in zip(table.lines, table.texts("exposures_ms"), strict=True):
+        place = f"{table.source}, line {line}, column exposures_ms"
+        decimal = str.maketrans(",", ".") if table.decimal == "comma" else {}
+        given = [_number(word.translate(decimal), place) for word in cell.split()]
+        each.append(given or list(exposures_ms))
+    return each
 
 
 def _notation(header: Sequence[str]) -> PoseNotation:
@@ -245,3 +294,52 @@ def _number(text: str, place: str) -> float:
         msg = f"{place}: expected a finite number, got {text!r}"
         raise FormatError(msg)
     return number
+
+
+ROBOT_FRAME = "base_from_flange"
+"""Frame of poses that a robot shows with neither tool nor user frame, in a plan's file."""
+
+
+def through_hand_eye(group: dict[str, Any], folder: Path) -> None:
+    """Turn a robot's poses in a plan's table into camera_from_part.
+
+    Parameters
+    ----------
+    group : dict
+        Keys and values of a `PoseList` whose frame is ``base_from_flange``; ``hand_eye`` and
+        ``part_in_base`` name files with the camera's pose on the flange and the part's in the base.
+    folder : Path
+        Where those paths begin.
+
+    Raises
+    ------
+    InputError
+        If one of them is missing, or no pose.
+    """
+    place = f"poses {group.get('name')!r}"
+    keys = ("hand_eye", "part_in_base")
+    files = [group.pop(key, None) for key in keys]
+    if group.get("frame") != ROBOT_FRAME:
+        if any(files):
+            msg = f'{place}: hand_eye and part_in_base go with frame = "{ROBOT_FRAME}"'
+            raise InputError(msg)
+        return
+    missing = [key for key, file in zip(keys, files, strict=True) if not isinstance(file, str)]
+    if missing:
+        msg = f'{place}: frame = "{ROBOT_FRAME}" needs {" and ".join(missing)}, names of files'
+        raise InputError(msg)
+    flange_from_camera, base_from_part = (read_pose(folder / str(file)) for file in files)
+    rows, notation = group.get("rows"), group.get("notation", "")
+    if not isinstance(rows, list):
+        return  # which is said when the list is made
+    poses = []
+    for number, row in enumerate(rows, start=1):
+        _check_pose(notation, row, f"{place}, row {number}")
+        poses.append(
+            camera_from_part_of(
+                base_from_flange=pose_from_numbers(notation, row),
+                flange_from_camera=flange_from_camera,
+                base_from_part=base_from_part,
+            )
+        )
+    group.update(_matrices(poses), frame="camera_from_part")
