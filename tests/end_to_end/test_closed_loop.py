@@ -3,9 +3,10 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from exposight.cell import CampaignFolder
+from exposight.cell import CampaignFolder, CampaignWriter
 from exposight.planning import (
     CaptureCosts,
     ExposureLimits,
@@ -239,6 +240,36 @@ def test_a_sensor_that_clamps_is_led_to_an_end(begin, campaign, run_json):
     assert any("took 40 ms where" in note for note in notes)
     assert "known already: view z600 at 40 ms" in notes
     assert {each["status"] for each in asked["outcomes"]} == {"given up"}
+
+
+@pytest.fixture
+def dark_campaign(campaign, tmp_path):
+    """Return the plate's campaign with images of another, dark moment."""
+    recorded = CampaignFolder(campaign)
+    folder = tmp_path / "dark"
+    with CampaignWriter.open_or_create(
+        folder, name=recorded.name, sensor=recorded.sensor, part=recorded.part
+    ) as writer:
+        for capture in recorded.captures():
+            writer.add(replace(capture, image=np.zeros_like(capture.image)))
+    return folder
+
+
+def test_what_does_not_agree_in_captures_is_told(
+    begin, plan, exposure_plan, dark_campaign, tmp_path, run_json
+):
+    def checks(told):
+        return [each["check"] for each in told["contradictions"]]
+
+    replayed = ("--driver", "replay", "--recording", dark_campaign, "--open-loop")
+    bright = ("--capture", dark_campaign / "captures" / "000007")  # z600 at 3 ms
+    run_json("next", *begin)
+    assert "points-in-the-dark" in checks(run_json("next", begin[0], *bright))
+    (view,) = exposure_plan.views
+    lit = replace(view.exposures[0], exposure_ms=3.0, set_value=3000.0)
+    write_exposure_plan(plan, replace(exposure_plan, views=(replace(view, exposures=(lit,)),)))
+    told = run_json("measure", plan, *replayed, "-o", tmp_path / "measured")
+    assert "points-in-the-dark" in checks(told)
 
 
 def test_people_read_the_request_first(begin, run):

@@ -78,3 +78,15 @@ def test_a_folder_that_is_there_and_models_that_promise_nothing(
     ended = run("merge", campaign, "-o", tmp_path / "m", "--models", models)
     assert ended.exit_code == 1
     assert "only the default models" in ended.stderr
+
+
+def test_what_does_not_agree_in_a_merged_capture_is_told(campaign, tmp_path, run_json) -> None:
+    recorded, folder = open_campaign(campaign), tmp_path / "dark"
+    with CampaignWriter.open_or_create(
+        folder, name="dark", sensor=recorded.sensor, part=recorded.part
+    ) as writer:
+        for capture in recorded.captures():
+            # Points everywhere, and hardly any light.
+            writer.add(replace(capture, image=np.zeros_like(capture.image)))
+    told = run_json("merge", folder, "-o", tmp_path / "m")
+    assert "points-in-the-dark" in [each["check"] for each in told["contradictions"]]

@@ -8,8 +8,9 @@ import polars as pl
 import pytest
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FeatureError, FileError, InputError, SensorError
+from exposight.errors import ContradictionError, FeatureError, FileError, InputError, SensorError
 from exposight.measuring import adaptive, measure_adaptively
+from exposight.measuring.adaptive import CONTRADICTED_FOLDER
 from exposight.measuring.decisions import DECISIONS_FILE, RESULT_FILE
 from exposight.measuring.open_loop import OpenLoop
 from exposight.measuring.record import EXPOSURE_PLAN_FILE
@@ -137,6 +138,31 @@ def test_an_exposure_time_that_was_taken_before_is_an_error(
         again.append(1.0)
     assert len(CampaignFolder(tmp_path / "door")) == 1
     assert CampaignFolder(tmp_path / "door" / "repeated").keys() == (("near", 1.0),)
+
+
+def test_a_capture_that_contradicts_itself_is_kept_aside_and_the_loop_goes_on(
+    loop, tmp_path, plate_driver, content
+):
+    def in_metres(driver):
+        whole = driver.capture
+
+        def capture(exposure_ms, camera_from_part, *, view):
+            taken = whole(exposure_ms, camera_from_part, view=view)
+            return replace(taken, cloud=taken.cloud.scaled(0.001)) if view == "far" else taken
+
+        driver.capture = capture
+        return driver
+
+    loop(folder="whole")
+    with pytest.raises(ContradictionError, match=r"view 'far'.* m.*kept in .*contradicted") as told:
+        loop(in_metres(plate_driver()))
+    assert told.value.contradictions
+    aside = CampaignFolder(tmp_path / "door" / CONTRADICTED_FOLDER)
+    assert aside.keys() == (("far", 12.0),)
+    assert len(CampaignFolder(tmp_path / "door")) == 2
+    shutil.rmtree(aside.path)
+    loop()
+    assert content(tmp_path / "door") == content(tmp_path / "whole")
 
 
 def test_a_folder_goes_on_with_the_same_plan_and_driver_only(
