@@ -267,7 +267,14 @@ def test_what_does_not_agree_in_captures_is_told(
     assert "points-in-the-dark" in checks(run_json("next", begin[0], *bright))
     (view,) = exposure_plan.views
     lit = replace(view.exposures[0], exposure_ms=3.0, set_value=3000.0)
-    write_exposure_plan(plan, replace(exposure_plan, views=(replace(view, exposures=(lit,)),)))
+    write_exposure_plan(
+        plan,
+        replace(
+            exposure_plan,
+            views=(replace(view, exposures=(lit,)),),
+            features=tuple(replace(each, exposure_ms=3.0) for each in exposure_plan.features),
+        ),
+    )
     told = run_json("measure", plan, *replayed, "-o", tmp_path / "measured")
     assert "points-in-the-dark" in checks(told)
 
