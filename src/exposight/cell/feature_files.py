@@ -1,8 +1,12 @@
-"""The list of a part's features as CSV (``docs/formats.md``)."""
+"""The list of a part's features: our own CSV file, and what other programs write.
+
+``docs/formats.md`` says what is read.
+"""
 
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import cast
@@ -10,43 +14,98 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell.part import RULES, Feature, FeatureKind, check_unique_names
+from exposight.cell.dmis import features_from_dmis, is_dmis
+from exposight.cell.feature_tables import features_from_table
+from exposight.cell.feature_words import kind_of
+from exposight.cell.listed_features import ListFaults, feature_rotation
+from exposight.cell.part import RULES, Feature, FeatureKind
+from exposight.cell.qif import features_from_qif, is_qif
 from exposight.errors import FeatureError, FormatError
-from exposight.files import check_columns, read_text, write_durably
-from exposight.geometry import RigidTransform, rotation_facing
+from exposight.files import (
+    Reading,
+    check_columns,
+    current_reading,
+    read_bytes,
+    recognised,
+    write_durably,
+)
+from exposight.geometry import RigidTransform
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
 _OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz", "finish")
 
-_NORMAL_TOLERANCE = 0.05
-"""How far a normal's length may be from 1: normals printed with one decimal are off by up to 4 %,
-while positions taken for normals are off by far more."""
 
-_DIRECTION_TOLERANCE_DEG = 5.0
-"""How far the direction of the length may leave the feature's plane; what leaves it is dropped."""
-
-
-def read_features(path: Path) -> tuple[Feature, ...]:
-    """Read a list of features from a CSV file.
+def read_features(path: Path, *, reading: Reading | None = None) -> tuple[Feature, ...]:
+    """Read a list of features: our own CSV file, a table in any dialect, DMIS or QIF.
 
     Parameters
     ----------
     path : Path
-        Columns ``name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm``, then optionally
-        ``length_mm,width_mm``, ``tx,ty,tz`` and ``finish``. (nx, ny, nz) is the outward surface
-        normal, which is turned here: a feature's z axis points into the material. (tx, ty, tz) is
-        the direction of the length; slots and pockets need it.
+        A table with a name, a kind, the position, the outward surface normal and a radius or a
+        diameter in each row, slots and pockets also with length, width and the direction of the
+        length (``docs/formats.md``, Features); or a DMIS program or a QIF document. Which it is
+        its content tells. Normals are turned here: a feature's z axis points into the material.
+    reading : Reading, optional
+        How it is to be read where it does not tell.
 
     Raises
     ------
     MissingFileError
         If it is not there.
-    FormatError
-        If a column has another name, order or unit, or a cell is no number.
-    FeatureError
-        If a number is NaN, a size is not positive, or two features share a name.
+    FormatError, FeatureError
+        If columns are missing, cells are no numbers, sizes make no sense, or features share a
+        name; all faults at once.
+    AmbiguousError
+        If two readings fit equally well, such as a size that is a radius or a diameter.
     """
-    return features_from_csv(read_text(path, "feature list"), Path(path))
+    path = Path(path)
+    data = read_bytes(path, "feature list")
+    reading = current_reading(reading)
+    if is_dmis(data) or path.suffix.lower() in {".dmi", ".dmis", ".dms"}:
+        return features_from_dmis(data, path, reading)
+    if is_qif(data) or path.suffix.lower() == ".qif":
+        return features_from_qif(data, path, reading)
+    for start, what in _NO_LISTS:
+        if data.startswith(start):
+            msg = f"{path}: expected a list of features, got {what}"
+            raise FormatError(msg)
+    text = _own_text(data)
+    if text is None:
+        return features_from_table(data, path, reading)
+    inward = reading.normals == "inward"
+    if inward:
+        recognised(path, "normals turned outward, as told")
+    return features_from_csv(text, path, inward=inward)
+
+
+_NO_LISTS = (
+    (b"PK\x03\x04", "a workbook: save its sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0", "a workbook: save its sheet as CSV"),
+    (b"ISO-10303-21", "a STEP file: `exposight part FILE -o FOLDER` finds its holes"),
+    (b"solid", "a mesh: `exposight part FILE -o FOLDER` finds its holes"),
+    (b"ply", "a mesh or a cloud: `exposight part FILE -o FOLDER` finds a mesh's holes"),
+    (b"glTF", "a mesh: `exposight part FILE -o FOLDER` finds its holes"),
+    (b"%PDF", "a PDF: copy its table into a CSV file"),
+    (b"{", "JSON: write it as a table, CSV say"),
+)
+"""First bytes of what is no list of features, and what to do with it."""
+
+_COMMA_IN_CELL = re.compile(r'"\s*[+-]?\d+,\d+\s*"')
+
+
+def _own_text(data: bytes) -> str | None:
+    """Return the text of a file that is written as our own files are; else None."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return None
+    header = [cell.strip() for cell in text.split("\n", 1)[0].split(",")]
+    own = [*_REQUIRED, *(column for column in _OPTIONAL if column in header)]
+    if header != own or _COMMA_IN_CELL.search(text):
+        return None
+    kinds = {row[1].strip() for row in csv.reader(io.StringIO(text, newline="")) if len(row) > 1}
+    translated = any(kind not in RULES and kind_of(kind) for kind in kinds - {"kind"})
+    return None if translated else text
 
 
 def write_features(path: Path, features: Iterable[Feature]) -> None:
@@ -93,8 +152,16 @@ def features_to_csv(features: Iterable[Feature]) -> str:
     return buffer.getvalue()
 
 
-def features_from_csv(text: str, source: Path) -> tuple[Feature, ...]:
-    """Return the features in the text of a CSV file; see `read_features`.
+def features_from_csv(text: str, source: Path, *, inward: bool = False) -> tuple[Feature, ...]:
+    """Return the features in the text of a CSV file as `write_features` writes it.
+
+    Parameters
+    ----------
+    text : str
+    source : Path
+        Where it came from, for messages.
+    inward : bool
+        Whether the normals point into the material.
 
     Raises
     ------
@@ -104,27 +171,27 @@ def features_from_csv(text: str, source: Path) -> tuple[Feature, ...]:
     rows = list(csv.reader(io.StringIO(text, newline="")))
     header = [cell.strip() for cell in rows[0]] if rows else []
     check_columns(header, required=_REQUIRED, optional=_OPTIONAL, source=source)
-    features = []
+    features, names, numbers = list[Feature](), list[str](), list[int]()
+    faults = ListFaults(source)
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(header):
-            msg = f"{source}, row {number}: expected {len(header)} cells, got {len(row)}"
-            raise FormatError(msg)
+            msg = f"expected {len(header)} cells, got {len(row)}"
+            faults.add(f"row {number}", FormatError(msg))
+            continue
         cells = dict(zip(header, map(str.strip, row), strict=True))
+        names.append(cells["name"])
+        numbers.append(number)
         try:
-            features.append(_feature(cells))
+            features.append(_feature(cells, inward=inward))
         except (FeatureError, FormatError) as error:
-            msg = f"{source}, row {number}, feature {cells['name']!r}: {error}"
-            raise type(error)(msg) from error
+            faults.add(f"row {number}, feature {cells['name']!r}", error)
+    faults.add_repeated(names, numbers)
+    faults.settle()
     if not features:
         msg = f"{source} lists no feature; expected at least one row under its header"
         raise FeatureError(msg)
-    try:
-        check_unique_names(tuple(features))
-    except FeatureError as error:
-        msg = f"{source}: {error}"
-        raise FeatureError(msg) from error
     return tuple(features)
 
 
@@ -133,17 +200,23 @@ def _spell(number: float) -> str:
     return repr(float(number) + 0.0)
 
 
-def _feature(cells: Mapping[str, str]) -> Feature:
+def _feature(cells: Mapping[str, str], *, inward: bool) -> Feature:
     """Return the feature that a row's cells describe."""
     kind = cast("FeatureKind", cells["kind"])
     if kind not in RULES:
         msg = f"the kind must be one of {', '.join(RULES)}, got {kind!r}"
         raise FeatureError(msg)
+    normal = _vector(cells, "nx", "ny", "nz")
+    directed = any(cells.get(column) for column in ("tx", "ty", "tz"))
     return Feature(
         name=cells["name"],
         kind=kind,
         part_from_feature=RigidTransform(
-            rotation=_rotation(cells, needs_direction=RULES[kind].has_length),
+            rotation=feature_rotation(
+                0.0 - normal if inward else normal,
+                _vector(cells, "tx", "ty", "tz") if directed else None,
+                needed_by=kind if RULES[kind].has_length else "",
+            ),
             translation_mm=_vector(cells, "x_mm", "y_mm", "z_mm"),
         ),
         radius_mm=_number(cells, "radius_mm"),
@@ -151,29 +224,6 @@ def _feature(cells: Mapping[str, str]) -> Feature:
         width_mm=_number(cells, "width_mm") if cells.get("width_mm") else None,
         finish=cells.get("finish", ""),
     )
-
-
-def _rotation(cells: Mapping[str, str], *, needs_direction: bool) -> NDArray[np.float64]:
-    normal = _vector(cells, "nx", "ny", "nz")
-    length = float(np.linalg.norm(normal))
-    if abs(length - 1) > _NORMAL_TOLERANCE:
-        msg = f"the outward normal (nx, ny, nz) must have length 1, got {length:g}"
-        raise FeatureError(msg)
-    if not any(cells.get(column) for column in ("tx", "ty", "tz")):
-        if needs_direction:
-            msg = f"a {cells['kind']} needs the direction of its length in the columns tx, ty, tz"
-            raise FeatureError(msg)
-        return rotation_facing(-normal)
-    direction = _vector(cells, "tx", "ty", "tz")
-    span = float(np.linalg.norm(direction))
-    out_of_plane = abs(float(direction @ normal)) / length
-    if not span > 0 or out_of_plane > span * math.sin(math.radians(_DIRECTION_TOLERANCE_DEG)):
-        msg = (
-            "the direction (tx, ty, tz) must lie in the surface, at right angles to the normal, "
-            f"got {direction.tolist()} for normal {normal.tolist()}"
-        )
-        raise FeatureError(msg)
-    return rotation_facing(-normal, direction)
 
 
 def _vector(cells: Mapping[str, str], *columns: str) -> NDArray[np.float64]:

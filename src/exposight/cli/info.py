@@ -251,6 +251,7 @@ def _observations(path: Path) -> Iterator[Fact]:
 
 
 @_kind("feature list", ".csv", _named(".csv", having="kind|nx"))
+@_kind("feature list", ".dmi, .dmis, .qif", _named(".dmi", ".dmis", ".dms", ".qif"))
 def _features(path: Path) -> Iterator[Fact]:
     features = cell.read_features(path)
     kinds = Counter(feature.kind for feature in features)

@@ -91,7 +91,7 @@ def _other_readings(
         camera_from_part.inverse(),
     )
     yield (
-        "the features' normals point into the part: give the outward ones",
+        "the features' normals point into the part: --read-as normals=inward",
         points,
         _with_turned_normals(part),
         camera_from_part,
@@ -150,7 +150,8 @@ def why_not_visible(part: Part, sensor: ActiveSensor, camera_from_part: RigidTra
             camera_from_part.inverse(),
         ),
         (
-            "with their normals turned they would be visible: give the outward normals",
+            "with their normals turned they would be visible: give the outward normals, or say "
+            "--read-as normals=inward",
             _with_turned_normals(part),
             camera_from_part,
         ),

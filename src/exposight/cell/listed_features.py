@@ -1,0 +1,105 @@
+"""What all readers of lists of features share: orientation from the normal, faults all at once."""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.errors import ExposightError, FeatureError
+from exposight.geometry import rotation_facing
+
+_NORMAL_TOLERANCE = 0.05
+"""How far a normal's length may be from 1: normals printed with one decimal are off by up to 4 %,
+while positions taken for normals are off by far more."""
+
+_DIRECTION_TOLERANCE_DEG = 5.0
+"""How far the direction of the length may leave the feature's plane; what leaves it is dropped."""
+
+_SHOWN = 10
+"""Faults of a list that are told one by one."""
+
+
+def feature_rotation(
+    normal: NDArray[np.float64], direction: NDArray[np.float64] | None, *, needed_by: str = ""
+) -> NDArray[np.float64]:
+    """Return the (3, 3) orientation of a feature, part_from_feature.
+
+    Parameters
+    ----------
+    normal : (3,) ndarray
+        Outward surface normal.
+    direction : (3,) ndarray or None
+        Of the length, in the surface.
+    needed_by : str
+        The kind that needs a direction; empty where it may be left out.
+
+    Raises
+    ------
+    FeatureError
+        If the normal is not of length 1, or the direction is missing or leaves the surface.
+    """
+    length = float(np.linalg.norm(normal))
+    if not abs(length - 1) <= _NORMAL_TOLERANCE:
+        msg = f"the outward normal (nx, ny, nz) must have length 1, got {length:g}"
+        raise FeatureError(msg)
+    if direction is None:
+        if needed_by:
+            msg = f"a {needed_by} needs the direction of its length in the columns tx, ty, tz"
+            raise FeatureError(msg)
+        return rotation_facing(-normal)
+    span = float(np.linalg.norm(direction))
+    out_of_plane = abs(float(direction @ normal)) / length
+    if not span > 0 or out_of_plane > span * math.sin(math.radians(_DIRECTION_TOLERANCE_DEG)):
+        msg = (
+            "the direction (tx, ty, tz) must lie in the surface, at right angles to the normal, "
+            f"got {direction.tolist()} for normal {normal.tolist()}"
+        )
+        raise FeatureError(msg)
+    return rotation_facing(-normal, direction)
+
+
+class ListFaults:
+    """What is wrong with a list's features, told all at once.
+
+    Parameters
+    ----------
+    path : Path
+        The list, for messages.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._faults: list[tuple[str, type[ExposightError]]] = []
+
+    def add(self, where: str, error: ExposightError) -> None:
+        """Keep the fault of a row."""
+        self._faults.append((f"{where}: {error}", type(error)))
+
+    def add_repeated(self, names: Sequence[str], rows: Sequence[int]) -> None:
+        """Keep the names that several rows share."""
+        places = defaultdict(list)
+        for name, row in zip(names, rows, strict=True):
+            places[name].append(row)
+        for name, found in places.items():
+            if len(found) > 1 and name:
+                times = "twice" if len(found) == 2 else f"{len(found)} times"
+                listed = f"{', '.join(map(str, found[:-1]))} and {found[-1]}"
+                text = (
+                    f"feature {name!r} is there {times}, in the rows {listed}; give every feature "
+                    "a unique name"
+                )
+                self._faults.append((text, FeatureError))
+
+    def settle(self) -> None:
+        """Raise an error with the first ten faults and their number, if there are any."""
+        if not self._faults:
+            return
+        more = len(self._faults) - _SHOWN
+        mark = "," if self._faults[0][0].startswith("row") else ":"
+        msg = f"{self._path}{mark} {'; '.join(text for text, _ in self._faults[:_SHOWN])}"
+        if more > 0:
+            msg += f"; and {more} more faults, {len(self._faults)} in all"
+        raise self._faults[0][1](msg)
