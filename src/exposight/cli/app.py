@@ -26,6 +26,7 @@ COMMANDS = {
     "next": "Say what to capture next, one step of the closed loop.",
     "simulate": "Carry out a measuring plan in a simulated cell.",
     "sensor": "Describe a sensor from its calibration.",
+    "part": "Find the holes of a part from CAD, and write it for plan and simulate.",
     "decode": "Decode recorded stripe frames, or a stereo pair, to an organised point cloud.",
     "observe": "Measure quality, brightness and pose of every feature in every capture.",
     "merge": "Merge captures of a view at several exposure times into one (HDR).",

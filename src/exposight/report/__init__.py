@@ -9,6 +9,7 @@ from exposight.report.campaign_summary import ModelResult
 from exposight.report.comparison_page import comparison_page, write_comparison_page
 from exposight.report.demonstration import DemonstrationSettings, run_demonstration
 from exposight.report.model_figures import forecast_picture
+from exposight.report.part_page import write_part_page
 from exposight.report.part_plot import PartMesh, read_part_mesh
 from exposight.report.recommendation_figure import recommendation_picture
 from exposight.report.reliability_figure import reliability_picture

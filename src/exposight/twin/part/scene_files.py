@@ -226,7 +226,7 @@ def scene_sensor(path: Path) -> ActiveSensor | None:
     return None if document.sensor is None else read_sensor(folder / document.sensor)
 
 
-def exported_files(scene: Scene) -> dict[str, str]:
+def exported_files(scene: Scene, *, with_sensor: bool = True) -> dict[str, str]:
     """Return what `export_scene` writes: what each file is, and its name."""
     stem = re.sub(r"[^\w.-]+", "-", scene.part.name)
     obstacles = {"obstacles": f"{stem}-obstacles.ply"} if scene.n_obstacle_faces else {}
@@ -235,11 +235,11 @@ def exported_files(scene: Scene) -> dict[str, str]:
         "mesh": f"{stem}.ply",
         **obstacles,
         "features": FEATURES_FILE,
-        "sensor": SENSOR_FILE,
+        **({"sensor": SENSOR_FILE} if with_sensor else {}),
     }
 
 
-def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
+def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor | None = None) -> None:
     """Write a scene for other programs, and for `read_scene`: the `exported_files`.
 
     Parameters
@@ -248,7 +248,7 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
         Made if it is not there; files of these names are replaced.
     scene : Scene
         What to write.
-    sensor : ActiveSensor
+    sensor : ActiveSensor, optional
         The sensor that looks at it.
 
     Raises
@@ -256,7 +256,8 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
     FileError
         If the disk refuses.
     """
-    folder, names = make_folder(Path(folder), "a scene"), exported_files(scene)
+    folder = make_folder(Path(folder), "a scene")
+    names = exported_files(scene, with_sensor=sensor is not None)
     further = {name: it for name, it in scene.surfaces.items() if SURFACES.get(name) != it}
     finishes = Finishes(surfaces=further, zones=scene.zones)
     numbers = {name: number for number, name in enumerate(finishes.check_names())}
@@ -267,12 +268,13 @@ def export_scene(folder: Path, scene: Scene, sensor: ActiveSensor) -> None:
     if "obstacles" in names:
         write_durably(folder / names["obstacles"], _ply(scene, slice(n, None)))
     write_features(folder / FEATURES_FILE, scene.part.features)
-    write_sensor(folder / SENSOR_FILE, sensor)
+    if sensor is not None:
+        write_sensor(folder / SENSOR_FILE, sensor)
     document: dict[str, object] = {
         "format": SCENE_FORMAT.name,
         "version": SCENE_FORMAT.version,
         "name": scene.part.name,
-        **{key: names[key] for key in ("mesh", "features", "sensor")},
+        **{key: names[key] for key in ("mesh", "features", "sensor") if key in names},
     }
     if "obstacles" in names:
         document["obstacles"] = [names["obstacles"]]

@@ -1,0 +1,276 @@
+"""``exposight part``: a part from CAD, its holes found, to what plan and simulate take."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from cyclopts import Group, Parameter
+from cyclopts.validators import Number
+from numpy.typing import NDArray
+
+from exposight.cell import Part, read_features, sensor_named_or_read
+from exposight.cell.feature_matching import match_features
+from exposight.cell.found_features import FoundFeature, Side, features_of, on_one_side
+from exposight.cli.app import UsageError
+from exposight.cli.result import Result, Written, fact
+from exposight.cli.terminal import progress_bars
+from exposight.errors import FeatureError
+from exposight.files import current_reading
+from exposight.geometry.mesh_holes import FoundHoles, Opening, find_holes
+from exposight.geometry.mesh_mending import mend_mesh
+from exposight.geometry.meshes import Mesh
+from exposight.geometry.part_meshes import read_part_mesh
+from exposight.tables import Column, Table, counted
+from exposight.twin.part import Scene, check_scene, export_scene, exported_files
+from exposight.twin.part.finishes import Finishes
+from exposight.workers import Progress
+
+PAGE = "part.html"
+
+
+@Parameter("*", group=Group("Holes", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class HoleOptions:
+    """Which holes are features, and what they are called.
+
+    Parameters
+    ----------
+    features
+        Your list of features (docs/formats.md): its names go to the holes at its places. What the
+        list has and the part lacks is an error, the reverse a note.
+    tolerance
+        How far a listed place may be from the hole, mm.
+    others
+        With --features: holes that the list does not name are features, too.
+    radius
+        Least and greatest radius, of slots and cutouts half the width, mm; 0.5 and two fifths
+        of the part's greatest extent by default.
+    side
+        From which side through holes are measured: the one that faces this direction of the part's
+        frame. With --features the list's normals tell.
+    """
+
+    features: Path | None = None
+    tolerance: Annotated[float, Parameter(metavar="MM", validator=Number(gt=0))] = 1.0
+    others: bool = False
+    radius: Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")] = None
+    side: Annotated[Side | None, Parameter(allow_leading_hyphen=True)] = None
+
+
+_USUAL = HoleOptions()
+
+
+def part_command(
+    mesh: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(alias="-o", metavar="FOLDER")],
+    unit: Literal["mm", "cm", "m", "inch"] | None = None,
+    name: str | None = None,
+    sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
+    finish: str | None = None,
+    holes: HoleOptions = _USUAL,
+) -> Result:
+    """Find the holes of a part from CAD, and write it for plan and simulate.
+
+    Holes, slots, cutouts and balls are found in the mesh: where each lies on the surface, its
+    outward normal, its radius, and whether it goes through. The folder is a scene: mesh, features,
+    sensor and finish, which simulate --scene, plan --views auto and observe take as they are, so
+    that exposures are planned before the first capture.
+
+    For example:
+
+        exposight part bracket.stl --unit mm --sensor rc-visard-65 --finish primer -o bracket
+
+        exposight part door.step --features holes.csv -o door
+
+    Parameters
+    ----------
+    mesh
+        The part: .stl, .obj, .ply, .glb, or .step with the extra [cad].
+    output
+        Folder to write.
+    unit
+        Unit of the mesh, where the file does not tell it.
+    name
+        The part's name; by default that of its file.
+    sensor
+        The sensor that will look at it: a preset (comet-pro-ae, rc-visard-65) or a JSON file.
+    finish
+        Finish of the whole part: bare, primer, paint or brushed; what the mesh says by default, and
+        bare where it says nothing.
+    """
+    if holes.radius is not None and not 0 < holes.radius[0] < holes.radius[1]:
+        msg = f"--radius takes 0 < MIN < MAX in mm, got {holes.radius[0]:g} {holes.radius[1]:g}"
+        raise UsageError(msg)
+    chosen_sensor = None if sensor is None else sensor_named_or_read(sensor)
+    finishes = Finishes(finish=finish)
+    finishes.check_names()
+    with progress_bars() as progress:
+        progress("reading the mesh", 0, 0)
+        read = read_part_mesh(mesh, unit)
+        progress("mending the mesh", 0, 0)
+        mended = mend_mesh(read, str(mesh))
+        search = find_holes(mended, holes.radius, progress)
+        search = _sheets_turned(search)
+        found, notes = _features(search, mended.mesh, holes, mesh)
+        notes = [*mended.notes, *search.notes, *notes]
+        part = Part(name=name or mesh.stem, features=tuple(each.feature for each in found))
+        scene = _scene(mended.mesh, part, finishes)
+        names = exported_files(scene, with_sensor=chosen_sensor is not None)
+        files = [Written.at(output / file, kind, inputs=[mesh]) for kind, file in names.items()]
+        files.append(Written.at(output / PAGE, "page"))
+        progress("writing", 0, 0)
+        export_scene(output, scene, chosen_sensor)
+        rows = [_row(each) for each in found]
+        _write_page(output / PAGE, scene, rows, notes, progress)
+    size = np.ptp(scene.vertices, axis=0)
+    return Result(
+        title=part.name,
+        facts=(
+            fact("size_mm", size.tolist(), " × ".join(f"{extent:.4g}" for extent in size) + " mm"),
+            fact("triangles", len(scene.faces)),
+            fact("features", len(found)),
+        ),
+        tables=(_table(rows),),
+        notes=tuple(notes),
+        files=tuple(files),
+        next_step=_next_step(output, chosen_sensor is not None),
+    )
+
+
+def _next_step(folder: Path, has_sensor: bool) -> str:
+    sensor = "" if has_sensor else " --sensor rc-visard-65"
+    return f"simulate auto --scene {folder}{sensor} --rings-only -o {folder}-campaign"
+
+
+def _sheets_turned(search: FoundHoles) -> FoundHoles:
+    """Turn the normals of open sheets where the caller says that they point inward."""
+    if current_reading().normals != "inward":
+        return search
+    turned = [
+        Opening(**{**vars(each), "normal": -each.normal}) if each.depth == "sheet" else each
+        for each in search.openings
+    ]
+    return FoundHoles(openings=tuple(turned), notes=search.notes)
+
+
+def _features(
+    search: FoundHoles, mesh: Mesh, holes: HoleOptions, source: Path
+) -> tuple[list[FoundFeature], list[str]]:
+    """Return the features, named, and remarks."""
+    openings = search.openings
+    notes: list[str] = []
+    if holes.features is not None:
+        matched = match_features(
+            read_features(holes.features), openings, mesh, holes.features, holes.tolerance
+        )
+        notes.extend(matched.notes)
+        further = features_of(on_one_side(matched.others, holes.side or "z"))
+        if further and holes.others:
+            taken = {each.feature.name for each in matched.found}
+            further = [each for each in further if each.feature.name not in taken]
+            return [*matched.found, *further], notes
+        if further:
+            named = ", ".join(
+                f"{each.feature.kind} of {each.feature.radius_mm:.4g} mm at "
+                f"({', '.join(f'{x:.5g}' for x in each.feature.part_from_feature.translation_mm)})"
+                for each in further[:10]
+            )
+            more = f" and {len(further) - 10} more" if len(further) > 10 else ""
+            notes.append(
+                f"{counted(len(further), 'hole')} of the part not in {holes.features}: "
+                f"{named}{more}; --others takes them, too"
+            )
+        return list(matched.found), notes
+    found = features_of(on_one_side(openings, holes.side or "z"))
+    if not found:
+        msg = (
+            f"{source}: no hole, slot, cutout or ball was found"
+            f"{' (' + '; '.join(search.notes) + ')' if search.notes else ''}; a plan needs "
+            "features: widen --radius, or give a list with --features"
+        )
+        raise FeatureError(msg)
+    through = [each for each in found if each.opening and each.opening.depth == "through"]
+    if through and holes.side is None:
+        notes.append(
+            f"{counted(len(through), 'through hole')} taken on the side that faces +z of the "
+            "part's frame (across it +y, then +x); --side chooses another"
+        )
+    return found, notes
+
+
+def _scene(mesh: Mesh, part: Part, finishes: Finishes) -> Scene:
+    face_finish: NDArray[np.uint8] = np.zeros(len(mesh.faces), dtype=np.uint8)
+    scene = Scene(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        face_finish=face_finish if mesh.finish is None else mesh.finish,
+        part=part,
+    )
+    return check_scene(scene.with_finishes(finishes))
+
+
+def _row(found: FoundFeature) -> dict[str, Any]:
+    feature, opening = found.feature, found.opening
+    x, y, z = feature.part_from_feature.translation_mm.tolist()
+    nx, ny, nz = (0.0 - feature.part_from_feature.z_axis).tolist()
+    return {
+        "feature": feature.name,
+        "kind": feature.kind,
+        "x_mm": x,
+        "y_mm": y,
+        "z_mm": z,
+        "nx": nx,
+        "ny": ny,
+        "nz": nz,
+        "radius_mm": feature.radius_mm,
+        "length_mm": feature.length_mm,
+        "width_mm": feature.width_mm,
+        "depth": "listed" if opening is None else _depth(opening),
+        "edge": "" if opening is None else opening.edge,
+        "rim_points": None if opening is None else opening.n_points,
+        "residual_mm": None if opening is None else opening.rms_mm,
+    }
+
+
+def _depth(opening: Opening) -> str:
+    if opening.depth in ("through", "blind"):
+        return f"{opening.depth} {opening.depth_mm:.4g} mm"
+    return opening.depth
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    columns = [
+        *(Column(name=name) for name in ("feature", "kind")),
+        *(Column(name=f"{axis}_mm", decimals=3) for axis in "xyz"),
+        *(Column(name=name, decimals=3) for name in ("nx", "ny", "nz")),
+        Column(name="radius_mm", decimals=3),
+    ]
+    if any(row["length_mm"] is not None for row in rows):
+        columns += [
+            Column(name="length_mm", label="length\nmm", decimals=2),
+            Column(name="width_mm", label="width\nmm", decimals=2),
+        ]
+    columns += [
+        Column(name="depth"),
+        *([Column(name="edge")] if any(row["edge"] for row in rows) else []),
+        Column(name="rim_points", label="rim\npoints"),
+        Column(name="residual_mm", label="residual\nmm", decimals=4),
+    ]
+    return Table.of("found", rows, tuple(columns), title="Features (normals outward)")
+
+
+def _write_page(
+    path: Path,
+    scene: Scene,
+    rows: Sequence[dict[str, Any]],
+    notes: Sequence[str],
+    progress: Progress,
+) -> None:
+    from exposight.report import write_part_page  # plotting takes a second to import
+
+    progress("drawing", 0, 0)
+    write_part_page(path, scene.part, scene.vertices, scene.faces, rows, notes)
