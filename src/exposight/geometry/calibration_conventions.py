@@ -204,7 +204,9 @@ def _matlab_camera(nodes: dict[str, Node], group: str) -> None:
     size = nodes.get(_joined(group, "ImageSize"))
     if isinstance(size, np.ndarray) and size.size == 2:
         nodes.pop(_joined(group, "ImageSize"))
-        nodes[_joined(group, "ImageSize.shape")] = size  # rows, columns
+        height, width = size.reshape(-1).tolist()
+        nodes[_joined(group, "ImageSize width")] = width
+        nodes[_joined(group, "ImageSize height")] = height
 
 
 def _array(node: Node, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:

@@ -15,13 +15,9 @@ from exposight.contradictions import settle
 from exposight.contradictions.rigs import baseline
 from exposight.errors import FormatError
 from exposight.geometry.calibration_keys import CalibrationKeys
+from exposight.geometry.calibration_lenses import SecondDevice
 from exposight.geometry.calibration_nodes import CalibrationNodes, read_calibration_nodes
-from exposight.geometry.calibrations import (
-    Calibration,
-    ImageKind,
-    SecondDevice,
-    recognise_calibration,
-)
+from exposight.geometry.calibrations import Calibration, ImageKind, recognise_calibration
 from exposight.geometry.camera_info import camera_info, camera_infos
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.poses import RigidTransform

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal, Self, get_args
 
-from exposight.errors import AmbiguousError, InputError, did_you_mean
+from exposight.errors import AmbiguousError, FormatError, InputError, did_you_mean
+from exposight.geometry.calibration_nodes import CalibrationNodes
 
 Direction = Literal["projector_from_camera", "camera_from_projector",
                     "second_from_first", "first_from_second"]  # fmt: skip
@@ -97,10 +98,26 @@ class CalibrationKeys:
         return cls(**given)  # type: ignore[arg-type]  # the direction is checked above
 
 
-def ask_for_keys(source: object, question: str, answers: Sequence[str]) -> AmbiguousError:
-    """Return the error that asks which nodes are meant, and the ``--keys`` that answer it."""
-    ways = " or ".join(f"--keys '{each}'" if " " in each else f"--keys {each}" for each in answers)
+def ask_which(
+    file: CalibrationNodes, question: str, entry: str, answers: Sequence[str]
+) -> AmbiguousError | FormatError:
+    """Return the error that asks which node is meant, with the ``--keys`` that answer it.
+
+    Parameters
+    ----------
+    file : CalibrationNodes
+    question : str
+    entry : str
+        The key that answers; empty where the answers hold theirs.
+    answers : sequence of str
+        Nodes that fit. Where there is none, it is an error of the file.
+    """
+    if not answers:
+        return FormatError(f"{file.path}: {question} {file.listed()}")
+    keys = [f"--keys {entry}={each}" if entry else f"--keys {each}" for each in answers[:8]]
+    quoted = [f"--keys '{each[7:]}'" if " " in each[7:] else each for each in keys]
     msg = (
-        f"{source}: {question} Say which it is: {ways} (in Python keys=CalibrationKeys.parse('…'))"
+        f"{file.path}: {question} Say which it is: {' or '.join(quoted)} (in Python "
+        "keys=CalibrationKeys(…))"
     )
-    return AmbiguousError(msg, tuple(f"--keys {each}" for each in answers))
+    return AmbiguousError(msg, tuple(keys))

@@ -34,7 +34,7 @@ NOT_OF_IT = frozenset(
 """Words of what is derived from a calibration, or tells how good it is."""
 _WORDS = (
     "projectors?|projection|cameras?|matrix|distortions?|distort|intrinsics?|coefficients|coeffs?|"
-    "coefs?|rotation|translation|resolution|screen|frame|image|left|right|width|height|size|proj|"
+    "coefs?|new|optimal|undistorted|rectified|rotation|translation|resolution|screen|frame|image|left|right|width|height|size|proj|"
     "prj|cam|mtx|mat|dist|int|img|res"
 )
 

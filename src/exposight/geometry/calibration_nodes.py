@@ -9,13 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import FormatError, MissingFileError, did_you_mean
-from exposight.geometry.calibration_trees import (
-    LARGEST_BYTES,
-    SyntaxFault,
-    Tree,
-    as_numbers,
-    parse_tree,
-)
+from exposight.geometry.calibration_trees import parse_tree
+from exposight.geometry.calibration_values import LARGEST_BYTES, SyntaxFault, Tree, as_numbers
 
 Node: TypeAlias = NDArray[np.float64] | float | str
 

@@ -159,10 +159,8 @@ def rectified_if_said(
         ):
             assert other is not None
             if not alike(one, other):
-                of_raw = " and ".join(
-                    node for node, what in raw.taken.items()
-                    if what.partition(":")[0] == device and not what.endswith("size")
-                )  # fmt: skip
+                nodes = [node for node, what in raw.taken.items() if what == device][:2]
+                of_raw = " and ".join(nodes)
                 raise FormatError(either_kind(file.path, (of_raw, one), (name, other)))
     return rectified
 
