@@ -103,7 +103,9 @@ def test_normals_into_the_part(observed, part):
 
 def test_a_pose_in_metres(observed):
     near = replace(TURNED, translation_mm=TURNED.translation_mm / 1000)
-    with pytest.raises(ObservationError, match="is the pose in m"):
+    with pytest.raises(
+        ObservationError, match="the pose with its translation in m would put the part in view"
+    ):
         observed(pose=near)
 
 

@@ -8,20 +8,26 @@ import polars as pl
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
-from exposight.cell import MemoryCampaign, Part, read_features, sensor_named_or_read
+from exposight.cell import ActiveSensor, MemoryCampaign, Part, read_features, sensor_named_or_read
 from exposight.cli.app import UsageError
 from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
+from exposight.contradictions import settle
 from exposight.errors import InputError, did_you_mean
+from exposight.geometry import RigidTransform
 from exposight.models import P_NORM_MIN
 from exposight.observing import (
     Campaign,
     ObservationTable,
     View,
+    n_visible,
     observe_campaign,
     open_campaign,
+    pose_contradictions,
     read_observations,
+    view_features,
+    why_not_visible,
 )
 from exposight.planning import LIKELY, Forecast, SensorModels
 from exposight.tables import Column, Table, number
@@ -69,11 +75,31 @@ class ViewOptions(PoseOptions):
             raise InputError(msg)
         return view
 
+    def _pose(self, part: Part, sensor: ActiveSensor) -> RigidTransform:
+        """Return a pose that puts the part where the sensor sees and measures it.
+
+        Raises
+        ------
+        ContradictionError
+            If it is out of the sensor's reach, and another reading of the pose is not.
+        InputError
+            If no feature is visible; the message names the readings that would make some so.
+        """
+        pose = self.camera_from_part_seen(part, sensor)
+        views = view_features(part, sensor, pose)
+        hint = "" if n_visible(part, sensor, pose) else why_not_visible(part, sensor, pose)
+        if hint:
+            reasons = sorted({view.visibility.value for view in views})
+            msg = f"no feature is visible from this pose: {', '.join(reasons)}; {hint}"
+            raise InputError(msg)
+        settle(pose_contradictions(views, part, sensor, pose))
+        return pose
+
     def _view(self) -> View:
         if self.campaign is not None and self.sensor is None and self.features is None:
             campaign = open_campaign(self.campaign)
             if self.view is None:
-                return campaign.view(self.camera_from_part())
+                return campaign.view(self._pose(campaign.part, campaign.sensor))
             if self.has_pose:
                 msg = "give a --view of the campaign or a pose, not both"
                 raise UsageError(msg)
@@ -85,8 +111,8 @@ class ViewOptions(PoseOptions):
             msg = "--view names a view of a --campaign; without one give a pose, such as --pose"
             raise UsageError(msg)
         part = Part(name=self.features.stem, features=read_features(self.features))
-        pose = self.camera_from_part()
-        view = View.of(part, sensor_named_or_read(self.sensor), pose)
+        sensor = sensor_named_or_read(self.sensor)
+        view = View.of(part, sensor, self._pose(part, sensor))
         # such a file does not tell the part's name, by which models know its features
         return replace(view, shared={**view.shared, "part": None})
 

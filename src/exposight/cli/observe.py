@@ -115,16 +115,17 @@ class SingleCapture(PoseOptions):
         image = stack.frames[0]
         if stack.clipping_level < stack.full_scale:
             image = np.where(image < stack.clipping_level, image, stack.full_scale)
+        part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
         capture = cell.Capture(
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
             image=cast("cell.Image", image.astype(stack.frames.dtype)),
             cloud=self._cloud(self.cloud, sensor),
-            camera_from_part=self.camera_from_part(),
+            camera_from_part=self.camera_from_part_seen(part, sensor),
             bit_depth=bit_depth,
             brightness_source=self.brightness_source or "stripe",
         )
-        part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
+        self.check_chain(capture, part, sensor)
         return cell.MemoryCampaign(
             name=str(self.image), sensor=sensor, part=part, captures=[capture]
         )

@@ -1,20 +1,26 @@
 """The pose of a part on the command line: a file, as a robot prints it, or a robot's chain."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from exposight.cell import ActiveSensor, Capture, Part
 from exposight.cli.app import UsageError
+from exposight.contradictions.poses import would_put
+from exposight.errors import PoseError
 from exposight.geometry import (
     RigidTransform,
     camera_from_held_part,
     camera_from_part_of,
     check_length_unit,
+    other_chains,
     parse_pose,
     read_pose,
 )
+from exposight.observing import n_visible, pose_that_fits, poses_in_view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,31 +98,70 @@ class PoseOptions:
             return read_pose(self.pose)
         return self._of_chain()
 
+    def camera_from_part_seen(self, part: Part, sensor: ActiveSensor) -> RigidTransform:
+        """Read the pose, and check that a robot's chain puts the part in the sensor's view.
+
+        Raises
+        ------
+        PoseError
+            If it does not, and another reading of one of its poses does; the message names it.
+        """
+        pose = self.camera_from_part()
+        if not self.chain or n_visible(part, sensor, pose):
+            return pose
+        others = other_chains(*self._links())
+        if readings := poses_in_view(part, sensor, pose, others):
+            msg = (
+                "the chain of --flange and its calibration puts no feature of the part in the "
+                f"sensor's view; {would_put(readings, 'in view')}"
+            )
+            raise PoseError(msg)
+        return pose
+
+    def check_chain(self, capture: Capture, part: Part, sensor: ActiveSensor) -> None:
+        """Check that a robot's chain puts the features where a capture's points are.
+
+        Raises
+        ------
+        PoseError
+            If it does not, and another reading of one of its poses does; the message names it.
+        """
+        if not self.chain:
+            return
+        if words := pose_that_fits(capture, part, sensor, other_chains(*self._links())):
+            msg = (
+                "the chain of --flange and its calibration puts the part where no points are; "
+                f"{words}"
+            )
+            raise PoseError(msg)
+
     def _of_chain(self) -> RigidTransform:
+        chain, links = self._links()
+        return chain(**links)
+
+    def _links(self) -> tuple[Callable[..., RigidTransform], dict[str, RigidTransform]]:
+        """Return the function of a chain and its arguments."""
         if self.flange is None or self.part_pose is None or len(self.flange) > 2:
             msg = (
                 "the chain needs --flange FILE or --flange ROBOT NUMBERS, --hand-eye FILE (or "
                 "--camera-in-base FILE) and --part-pose FILE"
             )
             raise UsageError(msg)
-        flange = _flange(self.flange)
-        part = _measured(self.part_pose, "the part")
-        if self.hand_eye is not None and self.camera_in_base is None:
-            return camera_from_part_of(
-                base_from_flange=flange,
-                flange_from_camera=_measured(self.hand_eye, "the hand–eye calibration"),
-                base_from_part=part,
+        if (self.hand_eye is None) == (self.camera_in_base is None):
+            msg = (
+                "give either --hand-eye (the camera on the flange) or --camera-in-base (a fixed "
+                "camera)"
             )
-        if self.camera_in_base is not None and self.hand_eye is None:
-            return camera_from_held_part(
-                base_from_flange=flange,
-                base_from_camera=_measured(self.camera_in_base, "the camera"),
-                flange_from_part=part,
-            )
-        msg = (
-            "give either --hand-eye (the camera on the flange) or --camera-in-base (a fixed camera)"
-        )
-        raise UsageError(msg)
+            raise UsageError(msg)
+        links = {"base_from_flange": _flange(self.flange)}
+        if self.hand_eye is not None:
+            links["flange_from_camera"] = _measured(self.hand_eye, "the hand–eye calibration")
+            links["base_from_part"] = _measured(self.part_pose, "the part")
+            return camera_from_part_of, links
+        assert self.camera_in_base is not None
+        links["base_from_camera"] = _measured(self.camera_in_base, "the camera")
+        links["flange_from_part"] = _measured(self.part_pose, "the part")
+        return camera_from_held_part, links
 
 
 def _pose_of(notation: str, text: str) -> RigidTransform:

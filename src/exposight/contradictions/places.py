@@ -18,6 +18,7 @@ NO_HOLE, SMALL, OFF_PLANE, OUTSIDE, DARK = (
 _FILLED = 0.5
 """Of a hole's inner pixels see the surface, at most: a rim that is seen obliquely fills less."""
 _EMPTY = 0.1
+HALVED = "half as large they are holes: are the radii diameters?"
 _FEWEST_CLOSED = 2
 """A single hole may have a plug, or a ground just below the surface; most of a view's have not."""
 _FEWEST = 3
@@ -50,7 +51,7 @@ def holes(
         compared="the surface seen where features are said to be holes, against a hole",
         found=f"{n_closed} of {n_known} holes are filled with points of the surface ({most})",
         explanation=(
-            "half as large they are holes: are the radii diameters?"
+            HALVED
             if halved
             else "are features and pose those of this part, their places and radii in mm, x and y "
             "in their order, the pose not the inverse one?"

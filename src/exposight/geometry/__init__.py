@@ -22,10 +22,11 @@ from exposight.geometry.cylinders import (
     pixel_boxes,
     ring_pixels,
 )
-from exposight.geometry.hand_eye import camera_from_held_part, camera_from_part_of
+from exposight.geometry.hand_eye import camera_from_held_part, camera_from_part_of, other_chains
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
 from exposight.geometry.pose_files import read_named_poses, read_pose
 from exposight.geometry.pose_matrices import check_length_unit
+from exposight.geometry.pose_readings import other_poses
 from exposight.geometry.pose_tables import is_pose_header, poses_of_table
 from exposight.geometry.pose_texts import parse_pose
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing

@@ -1,5 +1,8 @@
 """The chain that robot cells have: base, flange, camera, part."""
 
+from collections.abc import Callable, Iterator, Mapping
+
+from exposight.geometry.pose_readings import other_poses
 from exposight.geometry.poses import RigidTransform
 
 
@@ -42,3 +45,30 @@ def camera_from_held_part(
         The part on the flange.
     """
     return base_from_camera.inverse() @ base_from_flange @ flange_from_part
+
+
+def other_chains(
+    chain: Callable[..., RigidTransform], links: Mapping[str, RigidTransform]
+) -> Iterator[tuple[str, RigidTransform]]:
+    """Yield what comes of a chain if one of its links is another reading of its numbers.
+
+    Parameters
+    ----------
+    chain : callable
+        `camera_from_part_of` or `camera_from_held_part`.
+    links : mapping of str to RigidTransform
+        Its arguments.
+
+    Yields
+    ------
+    (str, RigidTransform)
+        Words such as "the inverse of flange_from_camera", and camera_from_part.
+    """
+    for name, link in links.items():
+        for words, other in other_poses(link):
+            said = words.replace("the pose", name) if "the pose" in words else f"{words} in {name}"
+            yield said, chain(**{**links, name: other})
+    first, *_, last = links
+    for one, two in ((list(links)[1], last), (first, list(links)[1])):
+        both = {one: links[one].inverse(), two: links[two].inverse()}
+        yield f"the inverses of {one} and {two}", chain(**{**links, **both})

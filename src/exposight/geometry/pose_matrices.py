@@ -38,6 +38,8 @@ def matrix_pose(matrix: ArrayLike, source: str | Path) -> WrittenPose:
         if array.shape in {(4, 4), (3, 4)}:
             array = array.copy()
             array[:3, :3] = _unrounded(array[:3, :3])
+            if unit == "m" and float(np.abs(array[:3, 3]).max()) > _NEARER_MM:
+                unit = "mm"  # the answer is about another file: nothing is so many metres away
             array[:3, 3] *= UNIT_MM[unit]
         pose = RigidTransform.from_matrix(array)
     except PoseError as error:

@@ -19,6 +19,13 @@ from exposight.observing.observe import (
     open_campaign,
 )
 from exposight.observing.point_search import PointSearch, point_search
+from exposight.observing.readings import (
+    n_visible,
+    pose_contradictions,
+    pose_that_fits,
+    poses_in_view,
+    why_not_visible,
+)
 from exposight.observing.schema import SCHEMA, Observation
 from exposight.observing.table import (
     ObservationTable,

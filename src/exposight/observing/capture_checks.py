@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX, ActiveSensor, Capture
-from exposight.contradictions import Contradiction, clouds, places, rings
+from exposight.contradictions import Contradiction, clouds, places, poses, rings
 from exposight.contradictions.greys import check_greys
 from exposight.geometry import grid_camera, grid_ratio
 from exposight.observing import masks
@@ -22,6 +22,7 @@ CAPTURE_CHECKS = (
     *("saturation-spike", "grey-levels", "mosaic"),
     *(clouds.OWN_PIXELS, clouds.BEHIND, clouds.THINNER),
     *(rings.TOO_MANY, rings.ELSEWHERE),
+    *(poses.OUT_OF_VIEW, poses.OUT_OF_REACH),
     *(places.NO_HOLE, places.SMALL, places.OFF_PLANE, places.OUTSIDE, places.DARK),
 )
 """Names of the checks of captures; see ``docs/contradictions.md``."""
@@ -181,6 +182,30 @@ def _at_features(
     sees_holes: bool,
 ) -> Iterator[Contradiction | None]:
     """Compare points with the planes of features, and with the holes in them."""
+    filled, half, names, off = at_features(views, rows, search, sees_holes=sees_holes)
+    yield places.holes(np.array(filled), np.array(half), names)
+    yield places.small_features(np.array([view.feature.radius_mm for view in views]))
+    yield places.off_plane(np.array(off))
+
+
+def at_features(
+    views: Sequence[masks.FeatureView],
+    rows: Sequence[Observation],
+    search: PointSearch,
+    *,
+    sees_holes: bool,
+) -> tuple[list[float], list[float], list[str], list[float]]:
+    """Return what the points at dense rings tell.
+
+    Returns
+    -------
+    filled, half : list of float
+        Share of each hole that is filled with the surface, and of one half as large.
+    names : list of str
+        Of these holes.
+    off : list of float, mm
+        By how much the points of each ring lie off its feature's plane.
+    """
     filled, half, names, off = [], [], [], []
     for view, row in zip(views, rows, strict=True):
         if row.p_norm is None or row.n_pixels is None or row.p_norm < _DENSE:
@@ -207,9 +232,7 @@ def _at_features(
             filled.append(float((within <= _INNER * radius_mm).sum()) / n_inner)
             half.append(4.0 * float((within <= _INNER * radius_mm / 2).sum()) / n_inner)
             names.append(row.feature)
-    yield places.holes(np.array(filled), np.array(half), names)
-    yield places.small_features(np.array([view.feature.radius_mm for view in views]))
-    yield places.off_plane(np.array(off))
+    return filled, half, names, off
 
 
 def _pixels_seen(points: NDArray[np.float32], sensor: ActiveSensor) -> NDArray[np.float64]:

@@ -18,15 +18,20 @@ from typing import Any
 import numpy as np
 
 from exposight import cell
-from exposight.contradictions import Contradiction, clouds, rings, settle
+from exposight.contradictions import Contradiction, clouds, places, rings, settle
 from exposight.contradictions.contradiction import check_names
 from exposight.errors import CloudError, ContradictionError, InputError, ObservationError
 from exposight.geometry import RigidTransform
 from exposight.observing import masks
 from exposight.observing.brightness import ring_brightness
-from exposight.observing.capture_checks import CAPTURE_CHECKS, capture_contradictions
+from exposight.observing.capture_checks import CAPTURE_CHECKS, at_features, capture_contradictions
 from exposight.observing.point_search import PointSearch, point_search
-from exposight.observing.readings import reading_that_fits, why_not_visible
+from exposight.observing.readings import (
+    pose_contradictions,
+    pose_with_holes,
+    reading_that_fits,
+    why_not_visible,
+)
 from exposight.observing.ring_geometry import ring_geometry
 from exposight.observing.schema import Observation
 from exposight.observing.table import ObservationTable
@@ -109,6 +114,7 @@ class Observer:
         self._pose: RigidTransform | None = None
         self._views: tuple[masks.FeatureView, ...] = ()
         self._shared: dict[str, Any] = {}
+        self._of_pose: tuple[Contradiction | None, ...] = ()
 
     def observe(self, capture: cell.Capture) -> list[Observation]:
         """Return an observation of each feature, in the part's order (`observe_capture`).
@@ -122,9 +128,14 @@ class Observer:
             self._pose = capture.camera_from_part
             self._views = masks.view_features(self._part, self._sensor, self._pose, self._tolerance)
             self._shared = masks.shared_columns(self._part, self._sensor, self._pose)
+            self._of_pose = tuple(
+                pose_contradictions(
+                    self._views, self._part, self._sensor, self._pose, name=capture.view
+                )
+            )
         search = point_search(capture.require_cloud(), self._sensor.camera)
         rows = observe_capture(capture, self._views, search, self._shared)
-        found = [
+        found = [each for each in self._of_pose if each is not None] + [
             self._explained(each, capture)
             for each in capture_contradictions(capture, self._sensor, self._views, rows, search)
             if each is not None
@@ -140,12 +151,29 @@ class Observer:
 
     def _explained(self, found: Contradiction, capture: cell.Capture) -> Contradiction:
         """Return a contradiction with the reading that explains it, if one does."""
+        if found.check == places.NO_HOLE and places.HALVED not in found.explanation:
+            words = self._pose_with_holes(capture)
+            return replace(found, explanation=words, is_error=True) if words else found
         if found.check not in {clouds.BEHIND, rings.ELSEWHERE}:
             return found
         reading = reading_that_fits(capture, self._part, self._sensor, self._tolerance)
         if reading is None:
             return found
         return replace(found, explanation=str(reading), is_error=True)
+
+    def _pose_with_holes(self, capture: cell.Capture) -> str:
+        """Return the reading of the pose that puts holes where holes are said to be, or ''."""
+        search = point_search(capture.require_cloud(), self._sensor.camera)
+
+        def observed(
+            views: tuple[masks.FeatureView, ...],
+        ) -> tuple[list[float], list[float]]:
+            rows = observe_capture(capture, views, search)
+            filled, *_ = at_features(views, rows, search, sees_holes=True)
+            return [row.p_norm for row in rows if row.p_norm is not None], filled
+
+        pose = capture.camera_from_part
+        return pose_with_holes(self._part, self._sensor, pose, self._tolerance, observed)
 
 
 def observe_campaign(
