@@ -121,6 +121,7 @@ def _read_step(path: Path) -> Mesh:
         raise errors.FormatError(msg)
     with tempfile.TemporaryDirectory() as folder:
         cut = Path(folder) / "part.glb"
+        status: object
         try:
             status = cascadio.step_to_glb(
                 str(path), str(cut), tol_linear=_CHORD_MM, tol_angular=_CHORD_RAD
