@@ -59,6 +59,9 @@ _PIXELS = (
 _MOST_PIXELS = 2**28
 """Pixels of an image beyond which rows and columns are taken for something else."""
 
+_STARTED = 4096
+"""Rows at the start that tell whether columns without names may count points or pixels."""
+
 _COUNTED = 3
 """Points from which a first column that counts them cannot be chance."""
 
@@ -140,8 +143,8 @@ def _lines(data: bytes, path: Path, reading: Reading) -> _Columns:
     """Return a file's columns, read line by line."""
     table = parse_table(data, path, what="point cloud", reading=reading, header=None, least=3)
 
-    def numbers(*places: int) -> Floats:
-        return table.numbers(*places).reshape(len(table), len(places))
+    def numbers(*places: int, rows: int | None = None) -> Floats:
+        return table.numbers(*places).reshape(len(table), len(places))[:rows]
 
     return _Lines(header=table.header, width=table.columns, numbers=numbers, remarks=table.remarks)
 
@@ -165,14 +168,11 @@ def _unnamed(lines: _Columns, path: Path) -> tuple[tuple[int, int, int], list[st
     """Return which of columns without names are x, y and z, and what to say of it."""
     if lines.width == 3:
         return (0, 1, 2), []
-    first = lines.numbers(0).ravel()
-    counting = len(first) >= _COUNTED and (
-        np.array_equal(first, np.arange(len(first)))
-        or np.array_equal(first, np.arange(len(first)) + 1)
-    )
-    if counting:
+    start = lines.numbers(0, rows=_STARTED).ravel()
+    counting = [base for base in (0, 1) if _counts(start, base) and _counts(lines.numbers(0), base)]
+    if counting and len(start) >= _COUNTED:
         return (1, 2, 3), ["the first column counts the points, the next three are x y z"]
-    if lines.width >= 5 and _is_raster(lines.numbers(0, 1)):
+    if lines.width >= 5 and _is_raster(lines.numbers(0, 1, rows=_STARTED)):
         msg = (
             f"{path}: the first two of its {lines.width} columns seem to be rows and columns of "
             "the image; name the columns in a first line, such as 'row col x y z', or 'x y z …' if "
@@ -180,6 +180,10 @@ def _unnamed(lines: _Columns, path: Path) -> tuple[tuple[int, int, int], list[st
         )
         raise FormatError(msg)
     return (0, 1, 2), [f"the first three of {lines.width} columns without names are x y z"]
+
+
+def _counts(numbers: Floats, base: int) -> bool:
+    return np.array_equal(numbers.ravel(), np.arange(numbers.size) + base)
 
 
 def _is_raster(pairs: Floats) -> bool:

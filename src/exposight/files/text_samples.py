@@ -1,6 +1,7 @@
 """Text tables of millions of lines: recognised by a sample of them, then parsed as a whole."""
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -72,8 +73,8 @@ class SampledTable:
     mark: str
     height: int
 
-    def numbers(self, *places: int) -> NDArray[np.float64]:
-        """Return columns by their places, (height, k).
+    def numbers(self, *places: int, rows: int | None = None) -> NDArray[np.float64]:
+        """Return columns by their places, (height, k), or their first `rows` rows.
 
         Raises
         ------
@@ -92,10 +93,11 @@ class SampledTable:
                 columns=wanted,
                 schema={name: pl.Float64 if name in wanted else pl.String for name in names},
                 null_values=_MISSING_WORDS,
+                n_rows=rows,
             )
         except pl.exceptions.PolarsError as error:
             raise SampleError(str(error).splitlines()[0]) from error
-        if frame.height != self.height:
+        if rows is None and frame.height != self.height:
             msg = f"expected {self.height} rows, got {frame.height}"
             raise SampleError(msg)
         columns = [frame[names[place]].fill_null(np.nan).to_numpy() for place in places]
@@ -132,13 +134,10 @@ def sample_table(
     if candidate.thousands or split.joined or split.wide:
         return None
     mark = " " if split.separator == "blank" else MARKS[split.separator]
-    plain = _plain(body, mark, decimal_comma=split.decimal == "comma")
-    if plain is None:
-        return None
-    height = plain.count(b"\n") + 1
-    if plain.count(mark.encode()) != height * (candidate.columns - 1):
-        return None
-    if told is not None and told != height:
+    height = body.count(b"\n") + 1
+    comma = split.decimal == "comma"
+    plain = _plain(body, mark, width=candidate.columns, decimal_comma=comma)
+    if plain is None or (told is not None and told != height):
         return None
     remarks = [remark, *layout.remarks, *(["a line that counts the rows"] if told else [])]
     return SampledTable(
@@ -188,7 +187,8 @@ def _start(body: bytes) -> tuple[int, list[str], int | None]:
 def _without_gaps(body: bytes) -> bytes:
     """Leave out blank lines and comments."""
     marks = (b"#", b"//", b"%")
-    if b"\n\n" not in body and not any(b"\n" + mark in body for mark in marks):
+    there = [mark for mark in marks if mark[:1] in body]  # quick to see, unlike two characters
+    if b"\n\n" not in body and not any(b"\n" + mark in body for mark in there):
         return body
     kept = [
         line
@@ -210,25 +210,40 @@ def _sample(body: bytes) -> list[str]:
     return lines
 
 
-def _plain(body: bytes, mark: str, *, decimal_comma: bool) -> bytes | None:
-    """Return rows with single separators, no blanks around cells, and decimal points."""
+def _plain(body: bytes, mark: str, *, width: int, decimal_comma: bool) -> bytes | None:
+    """Return rows with single separators, no blanks around cells, and decimal points.
+
+    None where blanks are within cells, or the separators are not as many as `width` columns need.
+    """
     separator = mark.encode()
-    if mark == " ":
+    needed = (body.count(b"\n") + 1) * (width - 1)
+    others = [blank for blank in (b" ", b"\t") if blank != separator and blank in body]
+    if others or body.count(separator) != needed:
+        body = _single(body, separator, others)
+        if body.count(separator) != needed or any(blank in body for blank in others):
+            return None
+    return body.replace(b",", b".") if decimal_comma else body
+
+
+def _single(body: bytes, separator: bytes, blanks: Sequence[bytes]) -> bytes:
+    """Return rows without blanks around their cells, and without separators at their ends."""
+    if separator == b" ":
         body = body.replace(b"\t", b" ")
         while b"  " in body:
             body = body.replace(b"  ", b" ")
-    else:
-        for blank in (b" ", b"\t"):
-            while blank != separator and (blank + separator in body or separator + blank in body):
-                body = body.replace(blank + separator, separator).replace(
-                    separator + blank, separator
-                )
-    while b" \n" in body or b"\n " in body:
+    for blank in blanks:
+        for before, after in (
+            (blank, separator),
+            (separator, blank),
+            (blank, b"\n"),
+            (b"\n", blank),
+        ):
+            pair, single = before + after, after if before == blank else before
+            while separator != b" " and pair in body:
+                body = body.replace(pair, single)
+    if separator == b" ":
         body = body.replace(b" \n", b"\n").replace(b"\n ", b"\n")
     body = body.strip(b" \n")
-    if mark != " " and b" " in body:
-        return None
-    first = body.split(b"\n", 1)[0]
-    if first.endswith(separator):
+    if body.split(b"\n", 1)[0].endswith(separator):
         body = body.replace(separator + b"\n", b"\n").removesuffix(separator)
-    return body.replace(b",", b".") if decimal_comma else body
+    return body
