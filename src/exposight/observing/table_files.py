@@ -1,0 +1,253 @@
+"""Files of observation tables: CSV in any dialect, or Parquet, as a frame with the known columns.
+
+A CSV file as exposight writes it is parsed at once. Any other goes through the reader of dialects:
+columns are found by their names and converted to the known ones, and what was recognised is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from exposight.errors import FormatError
+from exposight.files import (
+    Matched,
+    Reading,
+    TextTable,
+    Wanted,
+    ambiguous,
+    current_reading,
+    match_columns,
+    parse_table,
+    recognised,
+    remarks_on,
+)
+from exposight.files.column_units import Quantity
+from exposight.observing.schema import REQUIRED, SCHEMA
+
+TEXT_SUFFIXES = (".csv", ".txt", ".tsv")
+"""File suffixes of tables as text."""
+
+WRONG_SUFFIX = "{}: an observation table ends in .csv or .parquet, got '{}'"
+
+_ALIASES: Mapping[str, tuple[str, ...]] = {
+    "feature": ("feature name", "feature id"),
+    "view": ("viewpoint", "view name", "view id"),
+    "exposure_ms": ("t_exp", "exposure time", "integration time"),
+    "p_norm": ("quality", "point share", "points normalised"),
+    "i_avg": ("intensity", "brightness", "mean grey", "mean gray", "grey value", "gray value"),
+    "x_mm": ("pos x", "x pos", "position x"),
+    "y_mm": ("pos y", "y pos", "position y"),
+    "z_mm": ("pos z", "z pos", "position z"),
+    "radius_mm": ("feature radius", "hole radius"),
+}
+"""Other names that mean one thing only in this field."""
+
+_QUANTITIES: Mapping[str, Quantity] = {"mm": "length", "ms": "time", "deg": "angle"}
+
+_TURNS = ("w_deg", "p_deg", "r_deg")
+_PLACES = ("x_mm", "y_mm", "z_mm")
+
+_EXPOSURES_MS = (0.2, 2500.0)
+"""Exposure times that structured light takes, by which a unit is plausible."""
+_NEAR_MM = 5.0
+"""A cell's positions reach farther from the TCP than this."""
+
+_TRUTHS = {"true": True, "1": True, "wahr": True, "yes": True}
+_TRUTHS |= {"false": False, "0": False, "falsch": False, "no": False}
+
+_EMPTY_AS_WORDS = tuple(
+    name
+    for name, dtype in SCHEMA.items()
+    if dtype.is_float() and (name not in REQUIRED or name in {"p_norm", "i_avg"})
+    if name != "incidence_deg"  # NaN where the table has none
+)
+"""Columns of numbers that may be without a value: NaN is one."""
+
+
+def read_frame(path: Path, required: Sequence[str] = REQUIRED) -> pl.DataFrame:
+    """Return the frame in a table's file, known columns under their names and in their units.
+
+    Parameters
+    ----------
+    path : Path
+    required : sequence of str
+        Columns that it must have.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be parsed, lacks a column, or has one in a strange unit or with other values.
+    AmbiguousError
+        If two readings of its numbers, or of a unit, fit equally well.
+    """
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".parquet":
+            return pl.read_parquet(path)
+        if suffix not in TEXT_SUFFIXES:
+            raise FormatError(WRONG_SUFFIX.format(path, path.suffix.lower()))
+        data = path.read_bytes()
+    except (pl.exceptions.PolarsError, OSError) as error:
+        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
+        raise FormatError(msg) from error
+    frame = _own_form(data, required)
+    return _dialect(data, path, required) if frame is None else frame
+
+
+def parse_csv(csv: bytes) -> pl.DataFrame:
+    """Return the frame in the bytes of a CSV file as exposight writes it."""
+    # Without the types a feature called 007 would become 7. Only columns that are there are named:
+    # releases of polars give types of absent ones to others by position.
+    present = pl.read_csv(csv, n_rows=0, infer_schema=False).columns
+    text = {name: pl.String for name in present if SCHEMA.get(name) == pl.String}
+    return pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
+
+
+def _own_form(data: bytes, required: Sequence[str]) -> pl.DataFrame | None:
+    """Return the frame of a file in exposight's own form, or None."""
+    first = data.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].strip()
+    names = first.decode(errors="replace").replace('"', "").split(",")
+    reading = current_reading()
+    settled = reading.separator or reading.decimal or reading.encoding
+    if settled or not set(required) <= set(names) or names[0] not in {*SCHEMA, *required}:
+        return None
+    lines = data.rstrip(b"\r\n").count(b"\n") + 1
+    if b'"' not in data and data.count(b",") != lines * (len(names) - 1):
+        return None
+    try:
+        frame = parse_csv(data)
+    except pl.exceptions.PolarsError:
+        return None
+    for name, dtype in frame.schema.items():
+        number = name in required or (name in SCHEMA and SCHEMA[name].is_numeric())
+        written = number and SCHEMA.get(name) != pl.String and dtype == pl.String
+        if written and frame[name].null_count() < frame.height:
+            return None
+    empty = [n for n in _EMPTY_AS_WORDS if n in frame.columns and frame.schema[n].is_float()]
+    return frame.with_columns(pl.col(empty).fill_nan(None)) if empty else frame
+
+
+def _dialect(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
+    """Return the frame of a file in any dialect."""
+    reading = current_reading()
+    table = parse_table(data, path, what="observation table", reading=reading)
+    listed = {"name", "kind", "radius_mm"} <= set(table.header)  # which another message tells
+    wanted = _wanted(table.header, () if listed else required)
+    matched = match_columns(table.header, wanted, path, reading)
+    _check_numbers(table, matched)
+    columns: dict[str, pl.Series] = {}
+    by_place = {each.index: name for name, each in matched.items()}
+    factors = {name: each.factor for name, each in matched.items()}
+    for names in (("exposure_ms",), _PLACES, _TURNS):
+        _ask_units(table, matched, names, reading)
+    for place, header in enumerate(table.header):
+        name = by_place.get(place, header)
+        if name in columns:
+            msg = f"{path}: two columns are called {name!r}: name one of them differently"
+            raise FormatError(msg)
+        columns[name] = _column(table, place, name, factors.get(name, 1.0), name in required)
+    recognised(path, *table.remarks, *remarks_on(matched))
+    return pl.DataFrame(list(columns.values()))
+
+
+def _wanted(header: Sequence[str], required: Sequence[str]) -> list[Wanted]:
+    """Return the known columns, and others that are required, with the names they may have."""
+    plain = {name.strip().lower() for name in header}
+    turns = {"w", "p"} <= {name.split("[")[0].split("(")[0].strip() for name in plain}
+    wanted = []
+    for name in dict.fromkeys((*SCHEMA, *required)):
+        dtype = SCHEMA.get(name, pl.Float64())
+        quantity: Quantity = _QUANTITIES.get(name.rpartition("_")[2], "none")
+        if name.endswith("_share") or name == "p_norm":
+            quantity = "share"
+        if dtype == pl.String:
+            quantity = "text"
+        aliases = _ALIASES.get(name, ())
+        wanted.append(
+            Wanted(
+                name=name,
+                aliases=aliases,
+                quantity=quantity,
+                required=name in required,
+                # p may be p_norm and r a radius, unless they stand beside w.
+                bare=turns or name not in _TURNS,
+            )
+        )
+    return wanted
+
+
+def _check_numbers(table: TextTable, matched: Mapping[str, Matched]) -> None:
+    """Refuse the cells of all known columns of numbers that are none, at once."""
+    kinds = {name: SCHEMA.get(name, pl.Float64()) for name in matched}
+    table.numbers(*(matched[name].index for name in matched if kinds[name].is_numeric()))
+
+
+def _column(table: TextTable, place: int, name: str, factor: float, required: bool) -> pl.Series:
+    """Return a column with the type that it must have, or that its cells seem to have."""
+    cells = table.texts(place)
+    dtype = SCHEMA.get(name)
+    if dtype == pl.String:
+        return pl.Series(name, [cell or None for cell in cells], dtype=pl.String)
+    if dtype == pl.Boolean or (dtype is None and not required and _are_truths(cells)):
+        truths = [_TRUTHS.get(cell.lower()) if cell else None for cell in cells]
+        wrong = [cell for cell, truth in zip(cells, truths, strict=True) if cell and truth is None]
+        if wrong:
+            msg = f"{table.source}: column {name!r} needs true or false, got {wrong[0]!r}"
+            raise FormatError(msg)
+        return pl.Series(name, truths, dtype=pl.Boolean)
+    try:
+        numbers = table.numbers(place) * factor
+    except FormatError:
+        if dtype is not None or required:
+            raise
+        return pl.Series(name, [cell or None for cell in cells], dtype=pl.String)
+    series = pl.Series(name, numbers)
+    series = series if name == "incidence_deg" else series.fill_nan(None)
+    whole = dtype is None and all(cell.lstrip("+-").isdigit() for cell in cells if cell)
+    return series.cast(pl.Int64) if whole and _fits_integers(numbers) else series
+
+
+def _are_truths(cells: Sequence[str]) -> bool:
+    return any(cells) and all(cell.lower() in {"true", "false"} for cell in cells if cell)
+
+
+def _fits_integers(numbers: NDArray[np.float64]) -> bool:
+    return bool((np.abs(numbers[np.isfinite(numbers)]) < 2**53).all())
+
+
+def _ask_units(
+    table: TextTable, matched: Mapping[str, Matched], names: Sequence[str], reading: Reading
+) -> None:
+    """Ask for the unit of columns that do not tell it, where their values fit another as well."""
+    assumed = [matched[name] for name in names if name in matched and matched[name].assumed]
+    if not assumed:
+        return
+    values = np.abs(np.concatenate([table.numbers(each.index).ravel() for each in assumed]))
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if not values.size:
+        return
+    low, high = float(values.min()), float(values.max())
+    headers = ", ".join(repr(each.header) for each in assumed)
+    if names == ("exposure_ms",):
+        shortest, longest = _EXPOSURES_MS
+        factors = {"ms": 1.0, "us": 1e-3, "s": 1e3}
+        fitting = [u for u, f in factors.items() if shortest <= low * f and high * f <= longest]
+        if fitting != ["ms"]:
+            answers = {unit: f"{low:g} to {high:g} {unit}" for unit in (fitting or factors)}
+            question = f"which unit has {headers}, from {low:g} to {high:g}?"
+            raise ambiguous(
+                table.source, question, "exposure", {"ms": f"{low:g} to {high:g} ms", **answers}
+            )
+    elif names == _PLACES and high < _NEAR_MM:
+        question = f"are {headers}, of {high:.3g} at most, in mm or in m?"
+        answers = {"mm": "all are near the TCP", "m": f"up to {1000 * high:.0f} mm"}
+        raise ambiguous(table.source, question, "unit", answers)
+    elif names == _TURNS and high <= np.pi:
+        question = f"are {headers}, of {high:.3g} at most, in degrees or radians?"
+        answers = {"deg": "nearly square", "rad": f"up to {np.degrees(high):.0f}°"}
+        raise ambiguous(table.source, question, "angle", answers)
