@@ -169,9 +169,12 @@ def parse_table(
     text, encoding = decode(data, source, reading.encoding)
     layout = find_layout(_lines(text), source, reading, header, least, what)
     remarks = [encoding_remark(encoding, given=reading.encoding is not None), *layout.remarks]
-    cells = layout.candidate.split.cells
     width = layout.candidate.columns
-    rows = [[*map(_known, cells(line)[:width])] for line in layout.lines]
+    plain = frozenset("0123456789" if "#" not in text else "")  # 1.#QNAN begins with a digit
+    rows = [
+        [cell if cell[:1] in plain else _known(cell) for cell in cells[:width]]
+        for cells in layout.rows
+    ]
     names, numbers = layout.names, layout.numbers
     names, rows, numbers, said = _without_units(names, rows, numbers)
     remarks += said
@@ -205,8 +208,8 @@ class Layout:
     candidate : Candidate
     names : list of str
         The header's cells; empty where there is none.
-    lines : list of str
-        The rows.
+    rows : list of list of str
+        Cells of each row, empty ones at its end included.
     numbers : list of int
         Their lines in the file, from 1.
     remarks : list of str
@@ -215,7 +218,7 @@ class Layout:
 
     candidate: Candidate
     names: list[str]
-    lines: list[str]
+    rows: list[list[str]]
     numbers: list[int]
     remarks: list[str]
 
@@ -293,10 +296,9 @@ def _laid_out(
         candidate = _recognise(body, numbers, names, source, reading, least)
     split = candidate.split
     heads = [] if names is None else split.names(names)
-    if candidate.ragged or any(
-        len(cells) < candidate.columns or any(cells[candidate.columns :])
-        for cells in map(split.cells, body)
-    ):
+    rows = [split.cells(line) for line in body]
+    width = candidate.columns
+    if any(len(cells) != width and (len(cells) < width or any(cells[width:])) for cells in rows):
         msg = f"{source}: {ragged_rows(candidate, body, numbers)}"
         raise FormatError(msg)
     if heads and len(heads) < candidate.columns:  # R does not name the column of row names
@@ -307,7 +309,7 @@ def _laid_out(
     return Layout(
         candidate=candidate,
         names=heads[: candidate.columns],
-        lines=body,
+        rows=rows,
         numbers=numbers,
         remarks=remarks,
     )

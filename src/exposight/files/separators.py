@@ -53,10 +53,10 @@ class Split:
             return _blank_cells(line.strip(" \t"), wide=self.wide)
         mark = MARKS[self.separator]
         if '"' not in line:
-            cells = [cell.strip(" \t\u00a0") for cell in line.split(mark)]
+            cells = list(map(_stripped, line.split(mark)))
         else:
             rows = csv.reader([line], delimiter=mark, skipinitialspace=True)
-            cells = [cell.strip(" \t\u00a0") for cell in next(iter(rows), [])]
+            cells = list(map(_stripped, next(iter(rows), [])))
         if not self.joined:
             return cells
         while cells and not cells[-1]:
@@ -79,6 +79,10 @@ class Split:
             else:
                 names.append(cell)
         return names
+
+
+def _stripped(cell: str) -> str:
+    return cell.strip(" \t\u00a0")
 
 
 def _blank_cells(line: str, *, wide: bool) -> list[str]:

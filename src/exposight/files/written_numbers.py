@@ -19,6 +19,9 @@ _MISSING = re.compile(
 )
 """Words for a value that is not there, and the empty cell."""
 
+_LONGEST = 12
+"""Characters of the longest such word."""
+
 _INFINITE = re.compile(r"([+-]?)(?:inf|infinity|1[.,]#inf0*)", re.IGNORECASE)
 
 _PLAIN = {
@@ -38,6 +41,8 @@ _MINUS = str.maketrans("−", "-")
 
 def is_missing(cell: str) -> bool:
     """Return whether a cell is empty or holds a word for a missing value."""
+    if len(cell) > _LONGEST or (cell.lstrip("+-")[:1].isdigit() and "#" not in cell):
+        return False  # most cells, at once
     return _MISSING.fullmatch(cell) is not None
 
 

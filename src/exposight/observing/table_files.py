@@ -6,6 +6,7 @@ columns are found by their names and converted to the known ones, and what was r
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from exposight.errors import FormatError
 from exposight.files import (
     Matched,
-    Reading,
     TextTable,
     Wanted,
     ambiguous,
@@ -139,18 +139,21 @@ def _dialect(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
     listed = {"name", "kind", "radius_mm"} <= set(table.header)  # which another message tells
     wanted = _wanted(table.header, () if listed else required)
     matched = match_columns(table.header, wanted, path, reading)
-    _check_numbers(table, matched)
+    numbers = _numbers(table, matched)
+    for names in (("exposure_ms",), _PLACES, _TURNS):
+        _ask_units(path, matched, numbers, names)
     columns: dict[str, pl.Series] = {}
     by_place = {each.index: name for name, each in matched.items()}
-    factors = {name: each.factor for name, each in matched.items()}
-    for names in (("exposure_ms",), _PLACES, _TURNS):
-        _ask_units(table, matched, names, reading)
     for place, header in enumerate(table.header):
         name = by_place.get(place, header)
         if name in columns:
             msg = f"{path}: two columns are called {name!r}: name one of them differently"
             raise FormatError(msg)
-        columns[name] = _column(table, place, name, factors.get(name, 1.0), name in required)
+        if name in numbers:
+            column = pl.Series(name, numbers[name] * matched[name].factor)
+            columns[name] = column if name == "incidence_deg" else column.fill_nan(None)
+        else:
+            columns[name] = _column(table, place, name)
     recognised(path, *table.remarks, *remarks_on(matched))
     return pl.DataFrame(list(columns.values()))
 
@@ -181,35 +184,31 @@ def _wanted(header: Sequence[str], required: Sequence[str]) -> list[Wanted]:
     return wanted
 
 
-def _check_numbers(table: TextTable, matched: Mapping[str, Matched]) -> None:
-    """Refuse the cells of all known columns of numbers that are none, at once."""
-    kinds = {name: SCHEMA.get(name, pl.Float64()) for name in matched}
-    table.numbers(*(matched[name].index for name in matched if kinds[name].is_numeric()))
+def _numbers(table: TextTable, matched: Mapping[str, Matched]) -> dict[str, NDArray[np.float64]]:
+    """Return the known columns of numbers as they stand there; refuse other cells all at once."""
+    names = [name for name in matched if SCHEMA.get(name, pl.Float64()).is_numeric()]
+    values = table.numbers(*(matched[name].index for name in names)).reshape(len(table), -1)
+    return dict(zip(names, values.T, strict=True))
 
 
-def _column(table: TextTable, place: int, name: str, factor: float, required: bool) -> pl.Series:
-    """Return a column with the type that it must have, or that its cells seem to have."""
+def _column(table: TextTable, place: int, name: str) -> pl.Series:
+    """Return a column of texts or truth values, or a further one as its cells seem to be."""
     cells = table.texts(place)
     dtype = SCHEMA.get(name)
-    if dtype == pl.String:
-        return pl.Series(name, [cell or None for cell in cells], dtype=pl.String)
-    if dtype == pl.Boolean or (dtype is None and not required and _are_truths(cells)):
+    if dtype == pl.Boolean or (dtype is None and _are_truths(cells)):
         truths = [_TRUTHS.get(cell.lower()) if cell else None for cell in cells]
         wrong = [cell for cell, truth in zip(cells, truths, strict=True) if cell and truth is None]
         if wrong:
             msg = f"{table.source}: column {name!r} needs true or false, got {wrong[0]!r}"
             raise FormatError(msg)
         return pl.Series(name, truths, dtype=pl.Boolean)
-    try:
-        numbers = table.numbers(place) * factor
-    except FormatError:
-        if dtype is not None or required:
-            raise
-        return pl.Series(name, [cell or None for cell in cells], dtype=pl.String)
-    series = pl.Series(name, numbers)
-    series = series if name == "incidence_deg" else series.fill_nan(None)
-    whole = dtype is None and all(cell.lstrip("+-").isdigit() for cell in cells if cell)
-    return series.cast(pl.Int64) if whole and _fits_integers(numbers) else series
+    if dtype is None:
+        with contextlib.suppress(FormatError):
+            numbers = table.numbers(place)
+            whole = all(cell.lstrip("+-").isdigit() for cell in cells if cell)
+            column = pl.Series(name, numbers).fill_nan(None)
+            return column.cast(pl.Int64) if whole and _fits_integers(numbers) else column
+    return pl.Series(name, [cell or None for cell in cells], dtype=pl.String)
 
 
 def _are_truths(cells: Sequence[str]) -> bool:
@@ -221,33 +220,33 @@ def _fits_integers(numbers: NDArray[np.float64]) -> bool:
 
 
 def _ask_units(
-    table: TextTable, matched: Mapping[str, Matched], names: Sequence[str], reading: Reading
+    path: Path,
+    matched: Mapping[str, Matched],
+    numbers: Mapping[str, NDArray[np.float64]],
+    names: Sequence[str],
 ) -> None:
     """Ask for the unit of columns that do not tell it, where their values fit another as well."""
-    assumed = [matched[name] for name in names if name in matched and matched[name].assumed]
-    if not assumed:
-        return
-    values = np.abs(np.concatenate([table.numbers(each.index).ravel() for each in assumed]))
+    assumed = [name for name in names if name in matched and matched[name].assumed]
+    values = np.abs(np.concatenate([numbers[name] for name in assumed] or [np.zeros(0)]))
     values = values[np.isfinite(values) & (values > 0.0)]
     if not values.size:
         return
     low, high = float(values.min()), float(values.max())
-    headers = ", ".join(repr(each.header) for each in assumed)
+    headers = ", ".join(repr(matched[name].header) for name in assumed)
+    if names == _PLACES and high < _NEAR_MM:
+        question = f"are {headers}, of {high:.3g} at most, in mm or in m?"
+        answers = {"mm": "all are near the TCP", "m": f"up to {1000 * high:.0f} mm"}
+        raise ambiguous(path, question, "unit", answers)
+    if names == _TURNS and high <= np.pi:
+        question = f"are {headers}, of {high:.3g} at most, in degrees or radians?"
+        answers = {"deg": "nearly square", "rad": f"up to {np.degrees(high):.0f}°"}
+        raise ambiguous(path, question, "angle", answers)
     if names == ("exposure_ms",):
         shortest, longest = _EXPOSURES_MS
         factors = {"ms": 1.0, "us": 1e-3, "s": 1e3}
         fitting = [u for u, f in factors.items() if shortest <= low * f and high * f <= longest]
         if fitting != ["ms"]:
-            answers = {unit: f"{low:g} to {high:g} {unit}" for unit in (fitting or factors)}
+            units = dict.fromkeys(("ms", *(fitting or factors)))
+            answers = {unit: f"{low:g} to {high:g} {unit}" for unit in units}
             question = f"which unit has {headers}, from {low:g} to {high:g}?"
-            raise ambiguous(
-                table.source, question, "exposure", {"ms": f"{low:g} to {high:g} ms", **answers}
-            )
-    elif names == _PLACES and high < _NEAR_MM:
-        question = f"are {headers}, of {high:.3g} at most, in mm or in m?"
-        answers = {"mm": "all are near the TCP", "m": f"up to {1000 * high:.0f} mm"}
-        raise ambiguous(table.source, question, "unit", answers)
-    elif names == _TURNS and high <= np.pi:
-        question = f"are {headers}, of {high:.3g} at most, in degrees or radians?"
-        answers = {"deg": "nearly square", "rad": f"up to {np.degrees(high):.0f}°"}
-        raise ambiguous(table.source, question, "angle", answers)
+            raise ambiguous(path, question, "exposure", answers)
