@@ -81,6 +81,10 @@ def test_what_dmis_has_beside_holes_is_left_out_and_said(tmp_path):
     with pytest.raises(FeatureError, match=r"expected features FEAT/CIRCLE,INNER .* 1 PLANE"):
         read(tmp_path, "\n".join(text.split("\n")[:2]))
 
+    pc_dmis = "CIR1 =FEAT/CIRCLE,CARTESIAN,IN\n THEO/<1,2,3>,<0,0,1>,12\n"
+    with pytest.raises(FeatureError, match="a program of PC-DMIS: export it as DMIS"):
+        read(tmp_path, pc_dmis)
+
 
 def test_dmis_coordinates_that_move_between_features_are_refused(tmp_path):
     a, b = CIRCLE.format("a", "1,2,3"), CIRCLE.format("b", "4,5,6")

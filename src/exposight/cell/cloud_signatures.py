@@ -26,6 +26,7 @@ _IMAGE = (
     "an image: a depth image needs its camera (observe --cloud IMAGE --depth-scale MM, in Python "
     "read_depth_cloud)"
 )
+_EXR = "an EXR image: save its depth as TIFF of 32 bits or as NPY, and give --depth-scale"
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"LASF", _LAS),
     (b"\x89HDF", _ZDF),
@@ -35,14 +36,15 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"II*\0", _IMAGE),
     (b"MM\0*", _IMAGE),
     (b"BM", _IMAGE),
-    (b"\x76\x2f\x31\x01", _IMAGE),
+    (b"\x76\x2f\x31\x01", _EXR),
     (b"MATLAB 5.0", "a MATLAB file: save the array as NPY, PLY or CSV"),
     (b"\xd0\xcf\x11\xe0", "a workbook or another document of Office: save its sheet as CSV"),
 )
 _BY_SUFFIX = {
     **dict.fromkeys((".stl", ".obj", ".glb", ".gltf", ".3mf", ".step", ".stp", ".off"), _MESH),
     **dict.fromkeys((".las", ".laz"), _LAS),
-    **dict.fromkeys((".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr"), _IMAGE),
+    **dict.fromkeys((".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"), _IMAGE),
+    ".exr": _EXR,
     ".zdf": _ZDF,
     **dict.fromkeys(
         (".xlsx", ".xls", ".ods"), "a workbook: save its sheet as CSV, with x, y and z as columns"

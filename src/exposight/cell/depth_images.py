@@ -39,10 +39,8 @@ def is_depth_image(path: Path) -> bool:
             start = file.read(8)
     if is_image(start):
         return True
-    if path.suffix.lower() in _IMAGE_SUFFIXES:
-        return not start.startswith((b"ply", _NPY))
     if not start.startswith(_NPY):
-        return False
+        return path.suffix.lower() in _IMAGE_SUFFIXES and not start.startswith(b"ply")
     try:
         shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
     except (ValueError, EOFError, OSError, AttributeError):  # `read_cloud` says what it is

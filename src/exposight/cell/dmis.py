@@ -104,7 +104,7 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
         read.systems.append(state.moved_at)
     faults.add_repeated(read.names, read.rows)
     faults.settle()
-    _check(read, path)
+    _check(read, path, is_pc_dmis=b"THEO/" in data)
     remarks = ["DMIS program"]
     if without_unit:
         remarks.append("taken as mm, for it has no UNITS")
@@ -120,13 +120,14 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
     return tuple(read.features)
 
 
-def _check(read: _Read, path: Path) -> None:
+def _check(read: _Read, path: Path, *, is_pc_dmis: bool) -> None:
     """Check that there are features, all in one system of coordinates."""
     if not read.features:
         left = ", ".join(f"{n} {what}" for what, n in read.left.items()) or "none at all"
-        msg = (
-            f"{path}: expected features FEAT/CIRCLE,INNER or FEAT/CPARLN,INNER, got {left}; "
-            "nothing to measure rings about"
+        msg = f"{path}: expected features FEAT/CIRCLE,INNER or FEAT/CPARLN,INNER, got {left}; " + (
+            "this is a program of PC-DMIS: export it as DMIS, or its features as a table"
+            if is_pc_dmis
+            else "nothing to measure rings about"
         )
         raise FeatureError(msg)
     changed = next(

@@ -44,7 +44,7 @@ _DIAMETERS = (
 )
 _SIZES = (
     *("size", "hole size", "feature size", "nominal size", "größe", "groesse", "lochgröße"),
-    *("nominal", "nennmaß", "nennmass", "sollmaß", "sollmass", "maß", "mass", "d1", "dimension"),
+    *("nominal", "nennmaß", "nennmass", "sollmaß", "sollmass", "maß", "d1", "dimension"),
     *("dim", "wert", "value"),
 )
 
@@ -95,7 +95,7 @@ _KIND_WORDS: Mapping[FeatureKind, tuple[str, ...]] = {
     ),
     "slot": (
         *("slot", "round slot", "slotted hole", "langloch", "oblong", "oblong hole", "obround"),
-        *("elongated hole", "long hole", "elongated circle", "cparln", "lumiere", "asola", "nut"),
+        *("elongated hole", "long hole", "elongated circle", "cparln", "lumiere", "asola"),
     ),
     "pocket": (
         *("pocket", "tasche", "rectangle", "rechteck", "rectangular hole", "rechteckloch"),

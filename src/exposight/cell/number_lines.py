@@ -2,6 +2,7 @@
 
 import io
 import re
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,7 @@ def with_plain_nan(text: bytes) -> bytes:
     C libraries of Windows have spellings of their own: ``1.#QNAN``, ``-1.#IND``, ``-nan(ind)``.
     Infinity, ``1.#INF``, counts as missing, too.
     """
+    text = text.replace(b"-nan(ind)", b"nan")  # the commonest, many times as quickly
     if b"#" not in text and b"(" not in text:
         return text
     return _ODD_NAN.sub(b"nan", text)
@@ -49,6 +51,8 @@ def numbers_of_lines(
     text = with_plain_nan(text)
     if most == 0 or not text.strip():
         return np.zeros((0, len(columns)))
-    return np.loadtxt(
-        io.BytesIO(text), comments=None, usecols=tuple(columns), max_rows=most, ndmin=2
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of empty lines
+        return np.loadtxt(
+            io.BytesIO(text), comments=None, usecols=tuple(columns), max_rows=most, ndmin=2
+        )

@@ -22,7 +22,8 @@ _FIELD_KEYS = ("fields", "columns")
 _TYPES = {"F4", "F8", "U1", "U2", "U4", "U8", "I1", "I2", "I4", "I8"}
 _MOST_PACKED = 300
 """LZF packs at most 264 bytes into 3."""
-_HERE = ("0", "0", "0", "1", "0", "0", "0")
+_LONGEST_POINT = 2**24
+"""Bytes of a point; descriptors of some thousand numbers occur."""
 
 _Encoding = Literal["ascii", "binary", "binary_compressed"]
 _ENCODINGS: dict[str, _Encoding] = {
@@ -157,6 +158,9 @@ def _understood(said: dict[str, list[str]]) -> _Header:
     )
     if not len(fields) == len(counts) == len(types) or min(counts) < 1 or not set(types) <= _TYPES:
         msg = "FIELDS, SIZE, TYPE and COUNT differ in length, or name no type"
+        raise ValueError(msg)
+    if sum(map(int, sizes)) * max(counts) > _LONGEST_POINT:
+        msg = "a point cannot be so long"
         raise ValueError(msg)
     rows = int(said.get("height", ["1"])[0])
     columns = int((said.get("width") or said["points"])[0])
