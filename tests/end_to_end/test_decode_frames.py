@@ -94,6 +94,20 @@ def test_with_a_calibration_the_cloud_is_right(fringes, bits, tmp_path, calibrat
     assert np.nanmedian(error) < 0.5
 
 
+def test_a_calibration_in_two_files_without_sizes(tmp_path, run_json):
+    folder = _write(tmp_path / "frames", _frames([64, 63, 56]))
+    pose = _RIG.projector_from_camera
+    devices = {"M1": _CAMERA.matrix, "D1": np.zeros(5), "M2": _PROJECTOR.matrix, "D2": np.zeros(5)}
+    np.savez(tmp_path / "intrinsics.npz", **devices)
+    np.savez(tmp_path / "extrinsics.npz", R=pose.rotation, T=pose.translation_mm)
+    run_json(
+        *("decode", folder, "--guess", "--projector-size", *_SIZE, "-o", tmp_path / "c.ply"),
+        *("-c", tmp_path / "intrinsics.npz", "--extrinsics", tmp_path / "extrinsics.npz"),
+    )
+    error = np.abs(read_cloud(tmp_path / "c.ply").points[..., 2] - _depth_mm())
+    assert np.nanmedian(error) < 0.5
+
+
 def test_photographs_are_no_patterns(tmp_path, run):
     noise = np.random.default_rng(2)
     scene = 100 + 40 * cv2.GaussianBlur(noise.normal(0, 20, (160, 240)), (0, 0), 4)

@@ -214,3 +214,83 @@ def test_cameras_that_cannot_stand_so(baseline_m, length, tmp_path, failing):
 def test_a_stereo_sensor_takes_no_projector(tmp_path, failing, camera_info):
     words = ("--raw", *NEEDED, "--projector", camera_info)
     assert "leave out --projector" in failing(*stereo_infos(tmp_path), *words, status=2)
+
+
+# -- nodes by name, and no calibration at all ----------------------------------------------------
+
+
+def opencv_stereo(tmp_path, names="M1 D1 M2 D2"):
+    """OpenCV's two files; the second device stands 220 mm to the right of the first."""
+    k1, d1, k2, d2 = names.split()
+    paths = []
+    for name, nodes in {
+        "intrinsics.yml": {
+            k1: np.array([[1100.0, 0, 640], [0, 1101, 480], [0, 0, 1]]), d1: np.zeros((1, 5)),
+            k2: np.array([[900.0, 0, 512], [0, 900, 384], [0, 0, 1]]), d2: np.zeros((1, 5))},
+        "extrinsics.yml": {"R": np.eye(3), "T": np.array([[-220.0], [0], [0]])},
+    }.items():  # fmt: skip
+        paths.append(tmp_path / name)
+        storage = cv2.FileStorage(str(paths[-1]), cv2.FILE_STORAGE_WRITE)
+        for key, value in nodes.items():
+            storage.write(key, value)
+        storage.release()
+    return paths
+
+
+def test_opencv_s_two_files_are_two_cameras_or_camera_and_projector(tmp_path, run_json):
+    files = opencv_stereo(tmp_path)
+    words = ("sensor", *files, *NEEDED, "--image-size", 1280, 960, "-o", tmp_path / "s.json")
+    run_json(*words)
+    assert len(read_sensor(tmp_path / "s.json").cameras) == 2
+    run_json(*words, "--projector-size", 1024, 768)
+    sensor = read_sensor(tmp_path / "s.json")
+    assert (len(sensor.cameras), sensor.projector.width) == (1, 1024)
+
+
+def test_keys_say_which_node_is_what(tmp_path, run, failing, run_json):
+    files = opencv_stereo(tmp_path, "A1 V1 A2 V2")
+    sizes = ("--image-size", 1280, 960, "--projector-size", 1024, 768, "-o", tmp_path / "s.json")
+    told = failing(*files, *NEEDED, *sizes)
+    answer = "camera_matrix=A1,projector_matrix=A2"
+    assert f"--keys {answer}" in told
+    told = run_json("sensor", *files, *NEEDED, *sizes, "--keys", answer)
+    assert read_sensor(tmp_path / "s.json").projector.camera.fx == 900.0
+    assert "projector from A2, V2" in str(told)
+    assert "no node 'A3'" in failing(*files, *NEEDED, *sizes, "--keys", "camera_matrix=A3")
+
+
+@pytest.mark.parametrize(
+    ("words", "focal_px"),
+    [
+        (("--field-of-view", 700, 437.5, 800), 1280 * 800 / 700),
+        (("--field-of-view-deg", 60, 39.6), 640 / np.tan(np.pi / 6)),
+        (("--focal-length", 12, "--pixel-size", 4.8), 2500.0),
+    ],
+)
+def test_a_sensor_without_a_calibration(tmp_path, run_json, words, focal_px):
+    told = run_json("sensor", "--resolution", 1280, 800, *words, *NEEDED, "-o",
+                    tmp_path / "s.json")  # fmt: skip
+    camera = read_sensor(tmp_path / "s.json").camera
+    assert camera.fx == pytest.approx(focal_px)
+    assert (camera.cx, camera.cy, camera.distortion) == (639.5, 399.5, ())
+    (note,) = told["notes"]
+    assert "not for decoding" in note
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "message"),
+    [
+        ((), 2, "give a calibration's file"),
+        (("--resolution", 1280, 800), 2, "got --resolution"),
+        (("--resolution", 1280, 800, "--focal-length", 12), 2, "--pixel-size"),
+        (("--resolution", 800, 1280, "--field-of-view", 700, 437.5, 800), 1, "exchanged"),
+        (("--resolution", 1280, 800, "--field-of-view", 700, 437.5, -1), 1, "positive"),
+    ],
+)
+def test_what_describes_no_camera(failing, words, status, message):
+    assert message in failing(*words, *NEEDED, status=status)
+
+
+def test_a_calibration_needs_no_field_of_view(camera_info, failing):
+    told = failing(camera_info, "--resolution", 1280, 800, *NEEDED, status=2)
+    assert "leave out --resolution" in told

@@ -23,7 +23,12 @@ from exposight.contradictions.contradiction import check_names
 from exposight.contradictions.intersections import INTERSECTIONS
 from exposight.errors import CloudError
 from exposight.files import write_durably
-from exposight.geometry import CalibrationKeys, ProjectorCamera, read_projector_camera
+from exposight.geometry import (
+    CalibrationKeys,
+    ProjectorCamera,
+    read_calibration_nodes,
+    read_projector_camera,
+)
 from exposight.imaging.consistency import FRAME_CHECKS, map_contradiction
 from exposight.tables import Column, Table, count, number
 
@@ -53,6 +58,7 @@ def decode_command(
     ] = (0.0, np.inf),
     projector_size: Annotated[tuple[int, int] | None, Parameter(metavar="W H")] = None,
     keys: Keys = None,
+    extrinsics: Path | None = None,
     despite: Annotated[tuple[str, ...], Parameter(metavar="CHECK")] = (),
     grey_noise: Annotated[float | None, Parameter(validator=Number(gt=0, lt=255))] = None,
     limits: Annotated[imaging.DecodingLimits, Parameter("*")] = _LIMITS,
@@ -102,6 +108,8 @@ def decode_command(
     keys
         Which nodes of the calibration are what, where their names do not tell:
         camera_matrix=Kleft,projector_matrix=Kright,rotation=R,translation=T (docs/formats.md).
+    extrinsics
+        The file of R and T, where the calibration has them in a file of their own.
     despite
         Go on although this check finds a contradiction between frames and sequence; repeat it for
         several.
@@ -123,12 +131,13 @@ def decode_command(
     if options := pair.options():
         if (
             pair.stereo is None
-            or {*(folder, projector_size, grey_noise, map_file)} != {None}
+            or {*(folder, projector_size, grey_noise, map_file, extrinsics)} != {None}
             or guess
         ):
             msg = (
                 f"{', '.join(options)}: a stereo pair is given with --stereo LEFT RIGHT alone, "
-                "without a folder before it, --projector-size, --grey-noise, --map and --guess"
+                "without a folder before it, --projector-size, --grey-noise, --map, "
+                "--extrinsics and --guess"
             )
             raise UsageError(msg)
         return decode_stereo(
@@ -144,7 +153,7 @@ def decode_command(
         )
     proposed = None
     if guess and folder is not None and sequence is None:
-        proposed = guessed(folder, calibration, projector_size, named)
+        proposed = guessed(folder, calibration, projector_size, named, extrinsics)
         if calibration is None or (output is not None and output.suffix.lower() == ".toml"):
             return guess_result(folder, proposed, output)
     if calibration is None and map_file is not None and folder is not None and sequence is not None:
@@ -164,9 +173,16 @@ def decode_command(
     patterns = (
         imaging.sequence_named_or_read(sequence or "") if proposed is None else (proposed.sequence)
     )
-    rig = read_projector_camera(calibration, named, projector_size=projector_size)
+    read_calibration_nodes(calibration)  # its faults are told before frames are read
     start = time.perf_counter()
     stack = imaging.read_recording(folder, patterns)
+    rig = read_projector_camera(
+        calibration,
+        named,
+        more=extrinsics,
+        image_size=stack.image_shape[::-1],
+        projector_size=projector_size,
+    )
     decoded = imaging.decode(stack, patterns, limits, despite=despite)
     if preview is not None:
         _write_preview(preview, decoded)  # first: it helps to see why there are no points

@@ -18,6 +18,7 @@ def guessed(
     calibration: Path | None,
     projector_size: tuple[int, int] | None,
     keys: CalibrationKeys | None = None,
+    extrinsics: Path | None = None,
 ) -> Guess:
     """Propose a sequence for the frames of a folder; a calibration tells the projector's size.
 
@@ -26,10 +27,16 @@ def guessed(
     ExposightError
         If the frames or the calibration cannot be read, or nothing can be told.
     """
-    if calibration is not None:
-        rig = read_projector_camera(calibration, keys, projector_size=projector_size)
-        projector_size = rig.projector.width, rig.projector.height
     recording = read_unknown_recording(folder)
+    if calibration is not None:
+        rig = read_projector_camera(
+            calibration,
+            keys,
+            more=extrinsics,
+            image_size=recording.stack.image_shape[::-1],
+            projector_size=projector_size,
+        )
+        projector_size = rig.projector.width, rig.projector.height
     guess = guess_sequence(
         recording.stack, projector_size=projector_size, file_pattern=recording.file_pattern
     )

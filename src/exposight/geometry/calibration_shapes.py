@@ -173,7 +173,7 @@ def rotations(nodes: Mapping[str, Node]) -> dict[str, _Array]:
         matrix = square(node, 3)
         if matrix is None or words(name) & (NOT_OF_IT | _ELSEWHERE) or is_camera_matrix(matrix):
             continue
-        if np.abs(matrix.T @ matrix - np.eye(3)).max() < _LOOSE:
+        if _is_nearly_rotation(matrix):
             found[name] = matrix
     if not found:
         for name, node in nodes.items():
@@ -185,6 +185,12 @@ def rotations(nodes: Mapping[str, Node]) -> dict[str, _Array]:
             if matrix is not None and name.rpartition(".")[2].lower() in _ROTATION_NAMES:
                 found[name] = matrix
     return _likeliest(found, _ROTATION_NAMES)
+
+
+def _is_nearly_rotation(matrix: _Array) -> bool:
+    if not np.all(np.abs(matrix) < 2.0):  # nor NaN
+        return False
+    return bool(np.abs(matrix.T @ matrix - np.eye(3)).max() < _LOOSE)
 
 
 def translations(nodes: Mapping[str, Node]) -> dict[str, _Array]:
@@ -215,8 +221,7 @@ def motions(nodes: Mapping[str, Node]) -> dict[str, _Array]:
         if node.shape != (rows, 4) and max(node.shape) != node.size:
             continue
         matrix = node.reshape(rows, 4)
-        turn = matrix[:3, :3]
-        if np.abs(turn.T @ turn - np.eye(3)).max() < _LOOSE and matrix[:3, 3].any():
+        if _is_nearly_rotation(matrix[:3, :3]) and matrix[:3, 3].any():
             found[name] = matrix
     return found
 

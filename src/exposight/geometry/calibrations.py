@@ -133,6 +133,8 @@ def recognise_calibration(
         raise FormatError(msg)
     if any(each.name is None for each in coefficients.values()):
         remarks = [*remarks, "no lens distortion"]
+    if "second" in lenses and second is None and keys.second_matrix is None:
+        remarks = [*remarks, "with --projector-size W H the second is a projector"]
     if remarks or set(taken) != _OWN:
         recognised(file.path, _sentence(taken, "projector" in lenses), *remarks)
     return Calibration(
