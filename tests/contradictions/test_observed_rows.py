@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exposight.contradictions.observed_rows import exposure_unit, row_contradictions
+from exposight.contradictions.observed_rows import angle_unit, exposure_unit, row_contradictions
 
 NAN = np.full(8, np.nan)
 
@@ -46,3 +46,53 @@ def test_some_exposure_times_beyond_the_sensor_are_a_warning():
     found = exposure_unit(np.array([5.0, 10, 200]), (1.0, 100.0))
     assert not found.is_error
     assert "1 of 3 rows" in found.found
+
+
+def test_exposure_times_in_seconds_and_microseconds_are_noticed():
+    for times, unit in (([0.005, 0.04], "in s"), ([5000, 40_000], "in µs")):
+        found = exposure_unit(np.array(times, dtype=float))
+        assert not found.is_error
+        assert unit in found.explanation
+
+
+def test_percent_contradicts_the_points():
+    points = np.linspace(40, 90, 8)
+    (found,) = row_contradictions(
+        points, np.full(8, 100.0), np.full(8, 10.0), list("abcdefgh"), n_points=points
+    )
+    assert found.is_error
+    assert "in percent: divide it by 100" in found.explanation
+
+
+def test_percent_without_points_is_named():
+    (found,) = rows(7.5)
+    assert "percent" in found.explanation
+
+
+def test_grey_values_of_0_to_1_are_noticed():
+    names = list("abcdefgh")
+    quality, grey = np.full(8, 0.9), np.linspace(0.1, 0.8, 8)
+    (found,) = row_contradictions(quality, NAN, np.full(8, 10.0), names, i_avg=grey)
+    assert not found.is_error
+    assert "multiply them by 255" in found.explanation
+    assert row_contradictions(quality, NAN, np.full(8, 10.0), names, i_avg=100 * grey) == ()
+
+
+TURNED = np.array([[12.0, -3, 0], [-11, 4, 0], [8, 9, 90], [15, -14, 0], [0, 6, 0], [9, 1, 0]])
+
+
+def test_angles_in_radians_are_noticed():
+    assert angle_unit(TURNED) is None
+    found = angle_unit(np.radians(TURNED))
+    assert not found.is_error
+    assert "in radians?" in found.explanation
+    assert angle_unit(np.zeros((8, 3))) is None  # squarely faced
+
+
+def test_angles_in_radians_contradict_the_incidence():
+    incidence = np.hypot(TURNED[:, 0], TURNED[:, 1]) + np.array([1, -1, 2, 0.5, 1, -2])
+    assert angle_unit(TURNED, incidence) is None
+    assert angle_unit(np.radians(TURNED), incidence).is_error
+    found = angle_unit(TURNED, np.radians(incidence))
+    assert found.is_error
+    assert "incidence_deg" in found.compared

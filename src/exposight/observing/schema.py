@@ -293,7 +293,8 @@ def check_frame(frame: pl.DataFrame) -> None:
             _refuse(column, ~column.is_finite(), "finite numbers")
         if scale is not None and scale.unit.startswith("grey") and name != "i_std":
             on_scale = column.is_between(scale.low or 0.0, scale.high or 255.0)
-            _refuse(column, ~on_scale, "grey levels 0–255")
+            hint = _bits_hint(column)
+            _refuse(column, ~on_scale, f"grey levels 0–255{hint}")
         if name.endswith("_share"):
             _refuse(column, ~column.is_between(0, 1), "a share, 0–1, of the ring's pixels")
     _refuse(frame["exposure_ms"], frame["exposure_ms"] <= 0, "values above 0")
@@ -309,6 +310,15 @@ def check_frame(frame: pl.DataFrame) -> None:
     for name, known in (("visibility", reasons), ("brightness_source", get_args(BrightnessSource))):
         unknown = ~frame[name].is_in(known)
         _refuse(frame[name], unknown, f"one of {', '.join(map(repr, known))}")
+
+
+def _bits_hint(column: pl.Series) -> str:
+    """Return what to do about grey values of more than 8 bits."""
+    low, high = column.min(), column.max()
+    if not (isinstance(low, float) and isinstance(high, float) and low >= 0.0 and high >= 260.0):
+        return ""
+    bits = next((bits for bits in (10, 12, 16) if high < 2**bits), 0)
+    return f" (divide those of {bits} bits by {2 ** (bits - 8)})" if bits else ""
 
 
 def _refuse(

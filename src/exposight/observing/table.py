@@ -367,11 +367,20 @@ def read_inputs(
 
 
 def _row_contradictions(frame: pl.DataFrame) -> tuple[Contradiction, ...]:
-    p_norm, n_pixels, exposure_ms = (
-        frame[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-        for name in ("p_norm", "n_pixels", "exposure_ms")
+    def values(name: str) -> NDArray[np.float64]:
+        column = frame[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        return np.asarray(column, dtype=np.float64)
+
+    return row_contradictions(
+        values("p_norm"),
+        values("n_pixels"),
+        values("exposure_ms"),
+        frame["feature"].to_list(),
+        n_points=values("n_points"),
+        i_avg=values("i_avg"),
+        turned_deg=np.stack([values(name) for name in ("w_deg", "p_deg", "r_deg")], axis=-1),
+        incidence_deg=values("incidence_deg"),
     )
-    return row_contradictions(p_norm, n_pixels, exposure_ms, frame["feature"].to_list())
 
 
 def _check_file(path: Path, what: str) -> None:
