@@ -64,6 +64,19 @@ def test_a_german_excel_list_is_read_and_said(tmp_path, encoding):
             "7,{n},Kreis,{x},{y},{z},0,0,1,{d},3",
         ),
         ("name,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm,diameter_mm", "{n},{x},{y},{z},0,0,1,{r},{d}"),
+        (
+            "Name;Nominal X;X Ist;Y Soll;Z theo.;Vector I;Vector J;Vector K;Hole Ø",
+            "{n};{x};9;{y};{z};0;0;1;{d}",
+        ),
+        (
+            "Plate 7, inner side;;;;;;;\n\nBez.;X [mm];Y [mm];Z [mm];I;J;K;Durchm.",
+            "{n};{x};{y};{z};0;0;1;{d}",
+        ),
+        (
+            "| Hole No. | X (mm) | Y (mm) | Z (mm) | nx | ny | nz | Drill dia. (mm) |\n"
+            "|---|---|:--|--:|---|---|---|---|",
+            "| {n} | {x} | {y} | {z} | 0 | 0 | 1 | {d} |",
+        ),
     ],
 )
 def test_columns_are_found_by_what_people_call_them(tmp_path, header, row):

@@ -1,6 +1,7 @@
 """Lists of features as people keep them: any dialect, any order, their own words and units."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,18 +10,29 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell.feature_words import COLUMNS, KINDS, NAMES, first_of_several, kind_of
+from exposight.cell.feature_words import (
+    COLUMNS,
+    KINDS,
+    NAMES,
+    first_of_several,
+    kind_of,
+    known_columns,
+)
 from exposight.cell.listed_features import ListFaults, feature_rotation
 from exposight.cell.part import RULES, Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
 from exposight.files.columns import Matched, match_columns
 from exposight.files.dialects import TextTable, parse_table
+from exposight.files.encodings import decode
 from exposight.files.reading import Reading, ambiguous, current_reading, recognised
 from exposight.geometry import RigidTransform
 
 _SCALED = (0.5, 1.8)
 """Lengths of what is a direction that somebody did not scale to 1, such as (1, 1, 0)."""
 _ALIKE = 0.02
+_MOST_ABOVE = 30
+"""Lines among which the names of the columns are looked for."""
+_DASHES = re.compile(r"\s*\|?\s*:?-{3,}[-:|\s]*")
 _FEWEST = 3
 _NO_NORMALS = (
     "it has no normals: add the columns nx, ny, nz of the outward surface normal at each feature; "
@@ -65,8 +77,10 @@ def features_from_table(
         If two readings fit equally well: a size that is a radius or a diameter, say.
     """
     reading = current_reading(reading)
+    data, above = _from_header(data, path, reading)
     table = parse_table(data, path, what="feature list", reading=reading, least=4)
     columns = _recognised(table, path, reading)
+    columns.remarks.extend(above)
     if not len(table):
         msg = f"{path} lists no feature; expected at least one row under its header"
         raise FeatureError(msg)
@@ -87,7 +101,7 @@ def features_from_table(
         try:
             features.append(
                 _feature(
-                    name, kinds[row], radii[row], normals[row], finishes[row],
+                    name, kinds[row], float(radii[row]), normals[row], finishes[row],
                     {key: float(values[row]) for key, values in numbers.items()},
                 )
             )  # fmt: skip
@@ -97,6 +111,26 @@ def features_from_table(
     faults.settle()
     recognised(path, *table.remarks, *columns.remarks)
     return tuple(features)
+
+
+def _from_header(data: bytes, path: Path, reading: Reading) -> tuple[bytes, list[str]]:
+    """Return a table without a title above its names, and without Markdown's line of dashes."""
+    text, encoding = decode(data, path, reading.encoding)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    start = 0
+    for place, line in enumerate(lines[:_MOST_ABOVE]):
+        cells = [cell.strip().strip('"') for cell in re.split(r"[;,|\t]", line)]
+        if len(known_columns(cells) & {"x_mm", "y_mm", "z_mm"}) == 3:
+            start = place
+            break
+    dashes = [k for k, line in enumerate(lines[: start + 2]) if _DASHES.fullmatch(line)]
+    if not dashes and not any(line.strip(' ;,|\t"') for line in lines[:start]):
+        return data, []
+    titles = sum(bool(line.strip(' ;,|\t"')) for line in lines[:start])
+    kept = ["" if k < start or k in dashes else line for k, line in enumerate(lines)]
+    said = [f"{titles} line{'s' * (titles > 1)} above the names left out"] if titles else []
+    said += [f"characters in {encoding}"] if encoding != "utf-8" else []
+    return "\n".join(kept).encode(reading.encoding or "utf-8"), said
 
 
 def _recognised(table: TextTable, path: Path, reading: Reading) -> _Columns:
@@ -142,7 +176,7 @@ def _kinds(
     words: dict[str, str] = {}
     for word in columns.texts("kind"):
         kind = kind_of(word)
-        if kind is not None and kind != word:
+        if kind is not None and kind != word.lower():
             words[word] = kind
         kinds.append(kind or word)
     columns.remarks.extend(f"{word} is {kind}" for word, kind in words.items())
