@@ -14,6 +14,8 @@ from exposight.cell import Part, read_features, sensor_named_or_read
 from exposight.cell.feature_matching import match_features
 from exposight.cell.found_features import FoundFeature, Side, features_of, on_one_side
 from exposight.cli.app import UsageError
+from exposight.cli.first_plan import FirstPlanOptions, first_plan
+from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FeatureError
@@ -22,12 +24,13 @@ from exposight.geometry.mesh_holes import FoundHoles, Opening, find_holes
 from exposight.geometry.mesh_mending import mend_mesh
 from exposight.geometry.meshes import Mesh
 from exposight.geometry.part_meshes import read_part_mesh
+from exposight.plans import MeasuringPlan, write_plan
 from exposight.tables import Column, Table, counted
-from exposight.twin.part import Scene, check_scene, export_scene, exported_files
+from exposight.twin.part import FEATURES_FILE, Scene, check_scene, export_scene, exported_files
 from exposight.twin.part.finishes import Finishes
 from exposight.workers import Progress
 
-PAGE = "part.html"
+PAGE, PLAN = "part.html", "plan.toml"
 
 
 @Parameter("*", group=Group("Holes", sort_key=2))
@@ -59,7 +62,8 @@ class HoleOptions:
     side: Annotated[Side | None, Parameter(allow_leading_hyphen=True)] = None
 
 
-_USUAL = HoleOptions()
+_PLANNED = ("views", "exposures_ms", "captures")
+_USUAL, _FIRST_PLAN = HoleOptions(), FirstPlanOptions()
 
 
 def part_command(
@@ -72,13 +76,15 @@ def part_command(
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None,
     finish: str | None = None,
     holes: HoleOptions = _USUAL,
+    first: FirstPlanOptions = _FIRST_PLAN,
 ) -> Result:
     """Find the holes of a part from CAD, and write it for plan and simulate.
 
     Holes, slots, cutouts and balls are found in the mesh: where each lies on the surface, its
     outward normal, its radius, and whether it goes through. The folder is a scene: mesh, features,
-    sensor and finish, which simulate --scene, plan --views auto and observe take as they are, so
-    that exposures are planned before the first capture.
+    sensor and finish, which simulate --scene, plan --views auto and observe take as they are. With
+    --sensor it holds a measuring plan of views that see the features, too: simulate it, train and
+    plan, and the exposures are known before the first capture.
 
     For example:
 
@@ -97,7 +103,8 @@ def part_command(
     name
         The part's name; by default that of its file.
     sensor
-        The sensor that will look at it: a preset (comet-pro-ae, rc-visard-65) or a JSON file.
+        The sensor that will look at it: a preset (comet-pro-ae, rc-visard-65) or a JSON file. A
+        measuring plan for it is written, too.
     finish
         Finish of the whole part: bare, primer, paint or brushed; what the mesh says by default, and
         bare where it says nothing.
@@ -122,8 +129,18 @@ def part_command(
         names = exported_files(scene, with_sensor=chosen_sensor is not None)
         files = [Written.at(output / file, kind, inputs=[mesh]) for kind, file in names.items()]
         files.append(Written.at(output / PAGE, "page"))
+        plan = None
+        if chosen_sensor is not None:
+            plan, remarks = first_plan(part, chosen_sensor, mended.mesh, first, progress)
+            notes.extend(remarks)
+            files.append(Written.at(output / PLAN, "measuring plan"))
+        elif first != _FIRST_PLAN:
+            msg = "--views, --exposures and --exposure-range go with --sensor"
+            raise UsageError(msg)
         progress("writing", 0, 0)
         export_scene(output, scene, chosen_sensor)
+        if plan is not None:
+            write_plan(output / PLAN, plan)
         rows = [_row(each) for each in found]
         _write_page(output / PAGE, scene, rows, notes, progress)
     size = np.ptp(scene.vertices, axis=0)
@@ -133,17 +150,19 @@ def part_command(
             fact("size_mm", size.tolist(), " × ".join(f"{extent:.4g}" for extent in size) + " mm"),
             fact("triangles", len(scene.faces)),
             fact("features", len(found)),
+            *(() if plan is None else (f for f in plan_summary(plan) if f.name in _PLANNED)),
         ),
         tables=(_table(rows),),
         notes=tuple(notes),
         files=tuple(files),
-        next_step=_next_step(output, chosen_sensor is not None),
+        next_step=_next_step(output, plan),
     )
 
 
-def _next_step(folder: Path, has_sensor: bool) -> str:
-    sensor = "" if has_sensor else " --sensor rc-visard-65"
-    return f"simulate auto --scene {folder}{sensor} --rings-only -o {folder}-campaign"
+def _next_step(folder: Path, plan: MeasuringPlan | None) -> str:
+    if plan is None:
+        return f"plan MODELS --views auto --features {folder / FEATURES_FILE}"
+    return f"simulate {folder / PLAN} --observe -o {folder / 'observations.csv'}"
 
 
 def _sheets_turned(search: FoundHoles) -> FoundHoles:

@@ -123,7 +123,7 @@ def _read_step(path: Path) -> Mesh:
         cut = Path(folder) / "part.glb"
         status: object
         try:
-            status = cascadio.step_to_glb(
+            status: object = cascadio.step_to_glb(
                 str(path), str(cut), tol_linear=_CHORD_MM, tol_angular=_CHORD_RAD
             )
         except Exception as error:  # OpenCASCADE raises whatever it meets
