@@ -36,6 +36,7 @@ from exposight.models import (
     train_response,
     train_window,
 )
+from exposight.models.ring_data import GRAZING_DEG, without_grazing
 from exposight.observing import ObservationTable, observe_campaign, read_observations
 from exposight.planning import DEFAULT_MODELS
 from exposight.tables import Column, Table, counted, number
@@ -141,9 +142,11 @@ def train_command(
         "seed": seed,
     }
     models: list[Predictor] = []
+    grazing = 0
     with progress_bars() as progress:
         if default:
             progress("training the default models", 0, 1)
+            table, grazing = without_grazing(table)
             quality = train_window(table, mean=mean, start_from=known, **of_table)
             progress("training the default models", 1, 1)
             models += [each for each in (quality, quality.radiance) if each.name in default]
@@ -182,9 +185,18 @@ def train_command(
     return Result(
         facts=tuple(facts),
         tables=(*tables, *map(_hyperparameters, models)),
-        notes=tuple(_notes(table, models)),
+        notes=(*_grazing_note(grazing), *_notes(table, models)),
         contradictions=found,
         files=tuple(files),
+    )
+
+
+def _grazing_note(n_rows: int) -> tuple[str, ...]:
+    if not n_rows:
+        return ()
+    return (
+        f"{counted(n_rows, 'row')} of rings seen at more than {GRAZING_DEG:g}° off their normal "
+        "left out: a sensor measures nothing there",
     )
 
 

@@ -44,6 +44,10 @@ _UNKNOWN_BLACK = 8.0
 """Grey levels by which a brightness is uncertain where the black level is not known; assumed:
 cameras have 0 to some 16."""
 
+GRAZING_DEG = 70.0
+"""Rings seen from further off their normal are nothing that a sensor measures, often behind the
+part's edge, and tell nothing of how the surface reflects: views are found up to 60°."""
+
 RING_COLUMNS = ("feature", "view", *POSE_COLUMNS)
 
 
@@ -82,6 +86,19 @@ class RingData:
 
     def __len__(self) -> int:
         return len(self.rings)
+
+
+def without_grazing(table: ObservationTable) -> tuple[ObservationTable, int]:
+    """Return a table without rings seen at more than `GRAZING_DEG`, and how many rows those were.
+
+    Rows whose ``incidence_deg`` is not known stay.
+    """
+    frame = table.frame
+    if "incidence_deg" not in frame.columns:
+        return table, 0
+    grazing = frame["incidence_deg"].cast(pl.Float64).fill_nan(None).fill_null(0.0) > GRAZING_DEG
+    seen = grazing & frame["p_norm"].is_not_null()
+    return table.where(~seen), int(seen.sum())
 
 
 def brightness_column(table: ObservationTable) -> str:
