@@ -107,6 +107,13 @@ def _unit(word: str) -> str:
 
 
 def _read_step(path: Path) -> Mesh:
+    data = read_bytes(path, "STEP file")
+    if not data.lstrip()[:12].upper().startswith(b"ISO-10303-21"):
+        msg = f"{path}: a STEP file begins with ISO-10303-21, got {data[:20]!r}"
+        raise errors.FormatError(msg)
+    if b"END-ISO-10303-21" not in data[-4096:].upper():
+        msg = f"{path}: the end of the STEP file, END-ISO-10303-21, is missing; copy it again"
+        raise errors.DamagedFileError(msg)
     if find_spec("cascadio") is None:
         msg = (
             f"{path}: STEP needs the extra [cad]: pip install 'exposight[cad]' (cascadio); or "
@@ -115,20 +122,18 @@ def _read_step(path: Path) -> Mesh:
         raise errors.FormatError(msg)
     import cascadio
 
-    data = read_bytes(path, "STEP file")
-    if not data.lstrip()[:12].upper().startswith(b"ISO-10303-21"):
-        msg = f"{path}: a STEP file begins with ISO-10303-21, got {data[:20]!r}"
-        raise errors.FormatError(msg)
     with tempfile.TemporaryDirectory() as folder:
         cut = Path(folder) / "part.glb"
-        status: object
+        why: object = "no faces in it"
         try:
-            status: object = cascadio.step_to_glb(
+            why = cascadio.step_to_glb(
                 str(path), str(cut), tol_linear=_CHORD_MM, tol_angular=_CHORD_RAD
             )
+            if not why and cut.is_file():
+                return read_mesh(cut)
+        except errors.ExposightError as error:
+            why = str(error).replace(str(cut), "its triangles")
         except Exception as error:  # OpenCASCADE raises whatever it meets
-            status = error
-        if status or not cut.is_file() or not cut.stat().st_size:
-            msg = f"{path} cannot be read as STEP ({status}); export it again (AP214 or AP242)"
-            raise errors.DamagedFileError(msg)
-        return read_mesh(cut)
+            why = error
+    msg = f"{path} cannot be read as STEP ({why}); export it again (AP214 or AP242)"
+    raise errors.DamagedFileError(msg)
