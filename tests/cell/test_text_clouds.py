@@ -104,6 +104,11 @@ def test_normals_are_no_pixels(tmp_path):
     np.testing.assert_allclose(read(tmp_path, text), POINTS)
 
 
+def test_a_missing_point_at_the_corner_tells_the_size(tmp_path):
+    text = ["row;col;x;y;z", "0;0;1;2;3", "1;2;4;5;6", "1;2;0;0;0"]
+    assert read(tmp_path, text).shape == (2, 3, 3)
+
+
 def test_a_size_is_that_of_the_image(tmp_path):
     text = ["row col x y z", "0 1 1 2 3"]
     assert read(tmp_path, text, size=(3, 4)).shape == (3, 4, 3)

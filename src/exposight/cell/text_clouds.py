@@ -260,6 +260,8 @@ def _organised(points: Floats, pixels: NDArray[np.int64], size: tuple[int, int] 
         row, column = pixels[(pixels >= (rows, columns)).any(axis=1)][0]
         msg = f"a point is at row {row}, column {column}, outside {rows} × {columns} pixels"
         raise CloudError(msg)
+    there = np.isfinite(points).all(axis=1) & (points != 0.0).any(axis=1)
+    points, pixels = points[there], pixels[there]
     places = pixels[:, 0] * columns + pixels[:, 1]
     taken, counts = np.unique(places, return_counts=True)
     if (counts > 1).any():

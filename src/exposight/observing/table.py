@@ -224,7 +224,7 @@ class ObservationTable:
         measured = self.measured()
         if len(measured):
             farthest = float(np.abs(measured.array(("x_mm", "y_mm", "z_mm"))).max())
-            if farthest < _NEAR_MM:
+            if 0.0 < farthest < _NEAR_MM:
                 remarks.append(
                     f"no x_mm, y_mm or z_mm is farther than {number(farthest, 3)} mm from 0: are "
                     "they in metres? positions are in mm, multiply by 1000 if so"
