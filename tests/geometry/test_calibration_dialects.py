@@ -247,7 +247,7 @@ RIGS = {
                           projectorDistortion=DP, rotation=R, translation=T),
     "half_named.npz": archive(camera_matrix=K, dist=D, projector_matrix=KP, projector_dist=DP,
                               R=R, T=T),
-    "suffixed.yaml": dumped(K_cam=K, D_cam=D, K_proj=KP, D_proj=DP, pose=MOTION),
+    "suffixed.yaml": dumped(K_cam=K, D_cam=D, K_proj=KP, D_proj=DP, transform=MOTION),
     "motion.json": in_json(K_cam=K, dist_cam=D, K_prj=KP, dist_prj=DP,
                            projector_from_camera=MOTION),
     "to.json": in_json(K_cam=K, dist_cam=D, K_proj=KP, dist_proj=DP, cam_to_proj=MOTION[:3]),
@@ -260,6 +260,10 @@ RIGS = {
     "essential.yml": opencv(cam_K=K, cam_kc=D, proj_K=KP, proj_kc=DP, R=R, T=T[:, None],
                             E=np.ones((3, 3)), F=np.eye(3) * 2, R1=R.T, R2=R),
     "numbered.yml": opencv(M1=K, D1=D, M2=KP, D2=DP, R=R, T=T[:, None]),
+    "inside.json": in_json(setup={
+        "camera": {"K": K, "D": D, "width": 1624, "height": 1240},
+        "projector": {"K": KP, "D": DP, "width": 1280, "height": 800},
+        "R": R, "T": T}),
     "in_metres.json": in_json(K_cam=K, D_cam=D, K_proj=KP, D_proj=DP, R=R, translation_m=T / 1000),
     "unit.yaml": dumped(K_cam=K, D_cam=D, K_proj=KP, D_proj=DP, R=R, T=T / 10, unit="cm"),
 }  # fmt: skip
@@ -299,6 +303,12 @@ PAIRS = {
               "distortion_coeffs": DP, "resolution": list(SIZE),
               "T_cn_cnm1":
               np.vstack([np.hstack([R, T[:, None] / 1000]), [0, 0, 0, 1]])}),
+    "realsense.json": in_json(
+        left=REALSENSE, right={**REALSENSE, "fx": K2[0, 0], "fy": K2[1, 1], "ppx": K2[0, 2],
+                                               "ppy": K2[1, 2], "coeffs": DP},
+        extrinsics={"rotation": R.T.ravel(), "translation": T / 1000}),
+    "inside.yaml": dumped(stereo={"left": {"K": K, "D": D, **SIZES},
+                                  "right": {"K": K2, "D": DP, **SIZES}, "R": R, "T": T}),
     "bouguet.mat": matlab_file(KK_left=K, kc_left=D[:, None], KK_right=K2, kc_right=DP[:, None],
                                R=R, T=T[:, None], om=np.array([[0], [0.24], [0]])),
 }  # fmt: skip
@@ -369,6 +379,24 @@ def test_regions_that_cannot_be(tmp_path, roi, message_):
         read_calibration(path, images="rectified")
 
 
+def test_a_projection_alone_is_of_rectified_images(tmp_path):
+    path = write(tmp_path / "c.json", in_json(P=P, width=1624, height=1240, baseline=0.1))
+    found = read_calibration(path)
+    assert_camera(found.camera, P[:, :3], ())
+    assert found.images == "rectified"
+
+
+def test_keys_do_not_go_with_a_camera_info(tmp_path):
+    with pytest.raises(FormatError, match="leave out the keys"):
+        read_calibration(write(tmp_path / "c.yaml", message()), keys=CalibrationKeys(rotation="r"))
+
+
+def test_a_second_file_that_adds_nothing(tmp_path):
+    one = write(tmp_path / "a.json", in_json(K=K, D=D, **SIZES))
+    with pytest.raises(FormatError, match="one camera in both"):
+        read_calibration(one, write(tmp_path / "b.json", in_json(R=R, T=T)))
+
+
 def test_eight_coefficients_announced_as_five(tmp_path):
     eight = np.array([0.41, -1.2, 0.0003, -0.0002, 0.65, 0.29, -1.1, 0.6])
     text = dumped(image_width=1624, image_height=1240, distortion_model="rational_polynomial",
@@ -428,6 +456,8 @@ AMBIGUOUS = {
     "same.json": in_json(cam_K=K, proj_K=KP, dist1=D, dist2=DP, R=R, T=T),
     "poses.npz": archive(cam_K=K, proj_K=KP, Ra=R, Rb=R.T, t=T),
     "ways.npz": archive(cam_K=K, proj_K=KP, R=R, Ta=T, Tb=T + 1),
+    "order.json": in_json(K_cam=K, K_proj=KP, T_cam_proj=MOTION),
+    "pose.json": in_json(K_cam=K, K_proj=KP, projector_pose=MOTION),
     "letters.yaml": dumped(A=K, B=KP, R=R, T=T),
 }
 
@@ -508,6 +538,9 @@ REFUSED = {
     "matlab_fisheye.json": (in_json(MappingCoefficients=D[:4], ImageSize=[1240, 1624]), "undist"),
     "inverse.json": (in_json(**{**REALSENSE, "model": "distortion.inverse_brown_conrady"}),
                      "none of OpenCV's"),
+    "sample_fisheye.yml": (opencv(camera_matrix=K, fisheye_model=1, **SIZES), "undistort"),
+    "announced.yml": (opencv(K=K, D=D).replace("-0.0811", "1, -0.0811").replace("cols: 5",
+                      "cols: 8"), "announces 1 × 8 numbers and has"),
     "transposed.json": (in_json(K=K.T, D=D, **SIZES), "transposed"),
     "normalised.json": (in_json(fx=1.3, fy=1.4, cx=0.5, cy=0.5, **SIZES), "no camera matrix"),
     "other_size.json": (in_json(K=K, D=D, image_size=[812, 620]), "812 × 620.*1624 × 1240"),

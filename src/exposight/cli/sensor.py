@@ -200,6 +200,10 @@ def sensor_command(
             second=None if projector_size is None else "projector",
         )
     )
+    if image_size is not None and (found.camera.width, found.camera.height) != image_size:
+        size = f"{found.camera.width} × {found.camera.height}"
+        msg = f"{calibration} is of images of {size} px; leave out --image-size"
+        raise UsageError(msg)
     light = _projector(found, projector, projector_pose)
     near_mm, far_mm = working_distance_mm
     tcp_mm = (near_mm + far_mm) / 2 if tcp_distance_mm is None else tcp_distance_mm

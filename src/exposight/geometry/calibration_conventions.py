@@ -39,7 +39,7 @@ def in_opencv_terms(file: CalibrationNodes) -> tuple[CalibrationNodes, list[str]
     """
     _check_model(file)
     nodes, remarks = dict(file.nodes), list[str]()
-    for convert in (_matlab, _ensenso, _kalibr, _named_numbers, _pairs_of_numbers):
+    for convert in (_matlab, _ensenso, _kalibr, _realsense, _named_numbers, _pairs_of_numbers):
         remarks += convert(nodes)
     return replace(file, nodes=nodes), remarks
 
@@ -65,6 +65,8 @@ def unit_mm(file: CalibrationNodes) -> tuple[float, str] | None:
 def _check_model(file: CalibrationNodes) -> None:
     for name, node in file.nodes.items():
         leaf = re.sub("[^a-z]", "", name.rpartition(".")[2].lower())
+        if "fisheye" in leaf and str(node).lower() not in {"0.0", "false", "no", ""}:
+            raise fisheye(file.path, "fisheye")
         if leaf in {"mappingcoefficients", "xi"}:
             raise fisheye(file.path, leaf)
         if not isinstance(node, str) or leaf not in _MODEL_NAMES:
@@ -254,6 +256,21 @@ def _kalibr(nodes: dict[str, Node]) -> Iterator[str]:
             matrix[:3, 3] *= 1000.0
             nodes[name] = matrix
             yield "T_cn_cnm1 is in m, as Kalibr writes it"
+
+
+def _realsense(nodes: dict[str, Node]) -> Iterator[str]:
+    """RealSense's extrinsics hold rotations column by column, and translations in m."""
+    leaves = _by_leaf(nodes)
+    if not {"ppx", "coeffs"} <= leaves.keys():
+        return
+    for name in leaves.get("rotation", ()):
+        node = nodes[name]
+        other = _joined(group_of(name), "translation")
+        way = nodes.get(other)
+        if isinstance(node, np.ndarray) and node.shape == (9,) and isinstance(way, np.ndarray):
+            nodes[name] = node.reshape(3, 3).T.copy()
+            nodes[other] = 1000.0 * way
+            yield "RealSense's rotation is read column by column, its translation in m"
 
 
 def _by_leaf(names: Iterable[str]) -> dict[str, list[str]]:

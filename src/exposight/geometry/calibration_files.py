@@ -121,7 +121,10 @@ def read_calibration(
     """
     files = [read_calibration_nodes(each) for each in (path, more) if each is not None]
     infos = [info for file in files for info in camera_infos(file)]
-    if keys is None and infos and len(infos) >= len(files):
+    if infos and len(infos) >= len(files):
+        if keys is not None:
+            msg = f"{path}: a ROS camera_info, whose entries are known; leave out the keys"
+            raise FormatError(msg)
         if len(infos) > 2:
             msg = f"{path}: {len(infos)} cameras; expected one or two camera_infos"
             raise FormatError(msg)
@@ -141,9 +144,18 @@ def read_calibration(
     found = recognise_calibration(
         file, keys=keys, image_size=image_size, projector_size=projector_size, second=second
     )
+    if len(files) > 1 and found.second is None and found.projector is None:
+        msg = (
+            f"{path} and {more}: one camera in both; a pair needs R and T, and both cameras' or "
+            "the projector's matrices"
+        )
+        raise FormatError(msg)
     if found.second is not None:
         return rectified_if_said(found, file, images)
-    if images == "rectified":
+    if images == "raw" and found.images == "rectified":
+        msg = f"{path}: a projection alone, which is of rectified images; raw ones need K and D"
+        raise FormatError(msg)
+    if images == "rectified" and found.images == "raw":
         msg = f"{path}: no P, which rectified images need; the file is of raw images only"
         raise FormatError(msg)
     return found

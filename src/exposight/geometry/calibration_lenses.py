@@ -11,7 +11,6 @@ from exposight.geometry import calibration_shapes as shapes
 from exposight.geometry.calibration_keys import NONE, CalibrationKeys, ask_which
 from exposight.geometry.calibration_names import (
     affinity,
-    group_of,
     is_projector,
     told_apart,
     words,
@@ -173,6 +172,11 @@ def find_coefficients(
             found.pop(name, None)
             others.pop(name, None)
     left: list[Device] = [device for device in lenses if device not in result]
+    if not found and len(others) == len(left) == 2:  # V1 and V2 beside A1 and A2
+        named_alike = {
+            n: v for n, v in others.items() if any(words(n) & lenses[d].words for d in left)
+        }
+        found = named_alike if len(named_alike) == 2 else found
     for device, name in _matched(file, left, lenses, found).items():
         result[device] = Coefficients(found.pop(name), name)
     without = [device for device in lenses if device not in result]
@@ -193,7 +197,7 @@ def _matched(
 
     def score(name: str, device: Device) -> float:
         lens = lenses[device]
-        return affinity(name, group_of(name), lens.words, group_of(lens.name))
+        return affinity(name, lens.name, lens.words)
 
     fits: dict[Device, list[str]] = {device: [] for device in devices}
     if len(lenses) == 1 and devices:

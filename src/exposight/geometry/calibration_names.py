@@ -6,11 +6,14 @@ from typing import Literal, NamedTuple, TypeAlias
 
 Role: TypeAlias = Literal["camera", "projector", "first", "second"]
 
-PROJECTOR = frozenset({"proj", "projector", "projectors", "prj", "dlp", "beamer", "pro"})
-CAMERA = frozenset({"cam", "camera", "cameras", "frame", "image", "img"})
+PROJECTOR = frozenset(
+    {"proj", "projector", "projectors", "projektor", "prj", "dlp", "beamer", "pro"}
+)
+CAMERA = frozenset({"cam", "camera", "cameras", "kamera", "frame", "image", "img"})
 _PAIRS = (
     ("left", "right"),
     ("l", "r"),
+    ("links", "rechts"),
     ("first", "second"),
     ("one", "two"),
     ("master", "slave"),
@@ -33,7 +36,7 @@ NOT_OF_IT = frozenset(
 )
 """Words of what is derived from a calibration, or tells how good it is."""
 _WORDS = (
-    "projectors?|projection|cameras?|matrix|distortions?|distort|intrinsics?|coefficients|coeffs?|"
+    "projectors?|projektor|projection|cameras?|kamera|matrix|distortions?|distort|intrinsics?|coefficients|coeffs?|"
     "coefs?|new|optimal|undistorted|rectified|rotation|translation|resolution|screen|frame|image|left|right|width|height|size|proj|"
     "prj|cam|mtx|mat|dist|int|img|res"
 )
@@ -96,20 +99,50 @@ def is_projector(name: str) -> bool:
     return bool(words(name) & (PROJECTOR | {"screen", "display"})) or name.lower() in {"kp", "dp"}
 
 
-def affinity(name: str, group: str, own: AbstractSet[str], own_group: str) -> float:
-    """Return how well a name fits a device of certain words and group: the more the better."""
+def affinity(name: str, own_name: str, own: AbstractSet[str]) -> float:
+    """Return how well a name fits a device: the more maps and words are the same, the better.
+
+    Parameters
+    ----------
+    name : str
+        Of any node.
+    own_name : str
+        Of the device's camera matrix.
+    own : set of str
+        Words that only the device has (`told_apart`).
+    """
     told = words(name)
-    score = float(len(told & own) - len(own - told))
-    if group == own_group and group:
-        score += 4.0
-    elif group and own_group and group.split(".")[0] == own_group.split(".")[0]:
-        score += 3.0
-    return score
+    return float(len(told & own) - len(own - told)) + 3.0 * shared_maps(name, own_name)
+
+
+def shared_maps(name: str, other: str) -> int:
+    """Return how many maps, from the outermost, two nodes stand in together."""
+    count = 0
+    for one, two in zip(name.split(".")[:-1], other.split(".")[:-1], strict=False):
+        if one != two:
+            break
+        count += 1
+    return count
 
 
 def group_of(name: str) -> str:
     """Return the map that a node stands in: ``left.K`` is in ``left``."""
     return name.rpartition(".")[0]
+
+
+_PLACE = frozenset({"pose", "position", "origin", "location"})
+
+
+def is_directed(name: str) -> bool:
+    """Tell whether a name leaves the direction of a transform to the usual convention.
+
+    It does not where it names both devices without from or to (``T_cam_proj``), or a pose, which
+    is where a device stands more often than what takes points to it.
+    """
+    leaf = name.rpartition(".")[2]
+    told = words(leaf)
+    both = bool(told & PROJECTOR and told & CAMERA) or {"left", "right"} <= told
+    return not (both or told & _PLACE) or is_inverse(leaf) is not None
 
 
 def is_inverse(name: str) -> bool | None:

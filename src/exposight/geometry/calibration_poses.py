@@ -14,7 +14,7 @@ from exposight.geometry import calibration_shapes as shapes
 from exposight.geometry.calibration_conventions import unit_mm
 from exposight.geometry.calibration_keys import CalibrationKeys, ask_which
 from exposight.geometry.calibration_lenses import Device
-from exposight.geometry.calibration_names import group_of, is_inverse
+from exposight.geometry.calibration_names import group_of, is_directed, is_inverse
 from exposight.geometry.calibration_nodes import CalibrationNodes
 from exposight.geometry.poses import RigidTransform
 
@@ -65,7 +65,10 @@ def find_pose(file: CalibrationNodes, keys: CalibrationKeys, device: Device) -> 
     if keys.direction is not None:
         inverse = keys.direction in {"camera_from_projector", "first_from_second"}
     else:
-        inverse = any(is_inverse(name) for name in names)
+        if not all(map(is_directed, names)):
+            question = f"{', '.join(names)} may lead from the camera's frame or to it."
+            raise ask_which(file, question, "direction", _WAYS[device])
+        inverse = any(is_inverse(name.rpartition(".")[2]) for name in names)
         remarks += _check_direction(file, motion, inverse, names, (forward, backward))
     if inverse:
         remarks.append(f"{', '.join(names)} are {backward}, and were inverted")

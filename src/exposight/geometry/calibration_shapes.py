@@ -19,6 +19,8 @@ from exposight.geometry.calibration_names import (
     NOT_OF_IT,
     PROJECTOR,
     group_of,
+    shared_maps,
+    told_apart,
     words,
 )
 from exposight.geometry.calibration_nodes import Node
@@ -32,15 +34,16 @@ _LOOSE = 1e-2
 _ROTATION_NAMES = {"r", "rp", "rot", "rotation", "roration", "rmat", "rotation_matrix"}
 _TRANSLATION_NAMES = {"t", "tp", "trans", "translation", "tvec", "translation_mm"}
 _VECTORS = frozenset({"rvec", "om", "rodrigues"})
-_NO_TRANSLATION = frozenset({"rvec", "rvecs", "tvecs", "om", "omc", "euler", "angles", "rpy",
-                             "color", "colour", "white", "size", "shape", "resolution", "gain",
-                             "imu"})  # fmt: skip
+_NO_TRANSLATION = frozenset(
+    {"rvec", "rvecs", "tvecs", "om", "omc", "euler", "angles", "rpy", "rotation", "vectors"}
+    | {"color", "colour", "white", "gain", "size", "shape", "resolution", "imu"}
+)  # fmt: skip
 _ELSEWHERE = frozenset({"imu", "world", "base", "hand", "flange", "robot", "tool", "board"})
 _NO_SIZE = frozenset({"board", "chess", "chessboard", "checkerboard", "square", "marker", "grid",
                       "roi", "binning", "win", "window", "pattern", "pixel", "sensor", "cell",
                       "mm", "step"})  # fmt: skip
-_WIDE = {"width", "w", "cols", "columns", "nx", "x"}
-_HIGH = {"height", "h", "rows", "ny", "y"}
+_WIDE = {"width", "breite", "w", "cols", "columns", "nx", "x"}
+_HIGH = {"height", "hoehe", "h", "rows", "ny", "y"}
 _SIZE_NAMES = frozenset({"size", "resolution", "res", "dims", "dimensions"})
 LEAST_PX, _LARGEST_PX = 16, 100_000
 
@@ -75,11 +78,26 @@ def camera_matrices(nodes: Mapping[str, Node]) -> dict[str, _Array]:
         matrix = square(node, 3)
         if matrix is None or not is_camera_matrix(matrix):
             continue
-        top = name.split(".")[0]
-        if any(top == n.split(".")[0] and np.array_equal(matrix, m) for n, m in found.items()):
+        if any(
+            shared_maps(name, other) > 0
+            and np.array_equal(matrix, known)
+            and told_apart(name, other).roles is None
+            for other, known in found.items()
+        ):
             continue
-        (derived if words(name.rpartition(".")[2]) & NOT_OF_IT else found)[name] = matrix
-    return found or derived
+        (derived if words(name) & NOT_OF_IT else found)[name] = matrix
+    return found or derived or _projections(nodes)
+
+
+def _projections(nodes: Mapping[str, Node]) -> dict[str, _Array]:
+    """Return the camera matrices of 3×4 projections, of rectified images."""
+    found: dict[str, _Array] = {}
+    for name, node in nodes.items():
+        if isinstance(node, np.ndarray) and node.size == 12 and {3, 12} & set(node.shape):
+            matrix = node.reshape(3, 4)[:, :3]
+            if is_camera_matrix(matrix):
+                found[name] = matrix
+    return found
 
 
 def is_camera_matrix(matrix: _Array) -> bool:

@@ -9,7 +9,7 @@ from exposight.errors import FormatError
 from exposight.geometry import calibration_shapes as shapes
 from exposight.geometry.calibration_keys import CalibrationKeys, ask_which
 from exposight.geometry.calibration_lenses import Device, Lens
-from exposight.geometry.calibration_names import group_of, words
+from exposight.geometry.calibration_names import group_of, shared_maps, words
 from exposight.geometry.calibration_nodes import CalibrationNodes
 
 _OFF_CENTRE = 0.08
@@ -92,18 +92,19 @@ def _fitting(
     device: Device, lenses: Mapping[Device, Lens], found: list[shapes.SizeNodes]
 ) -> list[shapes.SizeNodes]:
     """Return the sizes that may be a device's."""
-
-    def top(name: str) -> str:
-        return name.split(".")[0] if "." in name else ""
-
     lens, others = lenses[device], [each for key, each in lenses.items() if key != device]
-    group = group_of(lens.name)
-    taken = {top(each.name) for each in others} - {""}
-    own = top(lens.name)
-    inside = [each for each in found if own and each.group.split(".")[0] == own]
-    if inside and own not in taken:
-        return [each for each in inside if each.group == group] or inside
-    found = [each for each in found if each.group.split(".")[0] not in taken]
+
+    def nearer(each: shapes.SizeNodes) -> int:
+        """Return by how many maps it is nearer to this device than to the others."""
+        first = each.names.partition(", ")[0]
+        away = max((shared_maps(first, other.name) for other in others), default=0)
+        return shared_maps(first, lens.name) - away
+
+    if others or group_of(lens.name):
+        inside = [each for each in found if nearer(each) > 0]
+        if inside:
+            return [each for each in inside if each.group == group_of(lens.name)] or inside
+    found = [each for each in found if nearer(each) == 0]
     light = [each for each in found if shapes.size_role(each) == "projector"]
     if device == "projector":
         return light

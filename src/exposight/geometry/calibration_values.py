@@ -47,13 +47,15 @@ def _float(text: str) -> float:
     return float(text.lower().replace(".nan", "nan").replace(".inf", "inf"))
 
 
-def _matrix(rows: int, columns: int, data: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+def _matrix(
+    rows: int, columns: int, data: NDArray[np.float64], name: str, *, typed: bool
+) -> NDArray[np.float64]:
     """Return numbers in rows and columns.
 
-    A vector may have other than the announced numbers: releases of ROS wrote 5 for 8 coefficients.
+    Releases of ROS, whose matrices have no type, announce 5 where they write 8 coefficients.
     """
     data = data.reshape(-1)
-    if rows == 1 and data.size in {4, 5, 8, 12, 14}:
+    if not typed and (rows, columns) == (1, 5) and data.size in {8, 12, 14}:
         return data.reshape(1, -1)
     if rows * columns != data.size:
         msg = f"'{name}' announces {rows} × {columns} numbers and has {data.size}; was it cut off?"
@@ -128,7 +130,7 @@ def _announced(value: Mapping[str, Any], name: str, depth: int) -> NDArray[np.fl
     if shape.size == 1:
         shape = np.append(shape, 1.0)
     columns = int(np.prod(shape[1:])) * int(channels[1] or 1)
-    return _matrix(int(shape[0]), columns, data, name)
+    return _matrix(int(shape[0]), columns, data, name, typed="dt" in lower)
 
 
 def _whole(value: object, name: str) -> int:

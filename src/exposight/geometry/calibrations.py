@@ -135,6 +135,10 @@ def recognise_calibration(
         remarks = [*remarks, "no lens distortion"]
     if "second" in lenses and second is None and keys.second_matrix is None:
         remarks = [*remarks, "with --projector-size W H the second is a projector"]
+    of_rectified = file.nodes[lenses["camera"].name]
+    rectified = isinstance(of_rectified, np.ndarray) and of_rectified.size == 12
+    if rectified:
+        remarks = [*remarks, f"{lenses['camera'].name} is of rectified images"]
     if remarks or set(taken) != _OWN:
         recognised(file.path, _sentence(taken, "projector" in lenses), *remarks)
     return Calibration(
@@ -143,6 +147,7 @@ def recognise_calibration(
         second=cameras.get("second"),
         projector=cameras.get("projector"),
         transform=None if pose is None else pose.transform,
+        images="rectified" if rectified else "raw",
         taken=taken,
     )
 

@@ -196,7 +196,7 @@ def _is_camera_info(file: CalibrationNodes) -> bool:
     if set(_NAMES["matrix"]).isdisjoint(nodes) or not {"T", "t"}.isdisjoint(nodes):
         return False
     projections = [nodes[key] for key in _PROJECTION if key in nodes]
-    return "distortion_model" in nodes or any(
+    return not {"distortion_model", "binning_x"}.isdisjoint(nodes) or any(
         isinstance(each, np.ndarray) and each.size == 12 for each in projections
     )
 
