@@ -223,6 +223,13 @@ def test_a_pcd_that_announces_more_than_it_has_allocates_nothing(tmp_path, encod
         read_cloud(tmp_path / "cloud.pcd")
 
 
+def test_a_pcd_of_text_that_ends_within_a_line_is_cut_off(tmp_path):
+    header = "VERSION 0.7\nFIELDS x y z\nWIDTH 3\nDATA ascii\n"
+    (tmp_path / "cloud.pcd").write_text(header + "1 2 3\n4 5 6\n7 8")
+    with pytest.raises(DamagedFileError, match="3 points, it holds 2"):
+        read_cloud(tmp_path / "cloud.pcd")
+
+
 def test_a_pcd_header_that_means_nothing_is_shown(tmp_path):
     (tmp_path / "cloud.pcd").write_text("VERSION 0.7\nFIELDS x y z\nWIDTH 1\nDATA martian\n")
     with pytest.raises(FormatError, match=r"expected DATA ascii, .* got 'martian'"):

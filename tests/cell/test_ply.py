@@ -77,6 +77,7 @@ def test_the_size_is_written_as_scanners_do():
         (b"ply\nformat martian 1.0\nend_header\n", FormatError, "unknown line 'format martian"),
         (ply("1 2\n", vertices=1, properties=XYZ[:-17]), FormatError, "with x, y and z, got x, y"),
         (ply("1 2 3\n", vertices=2), DamagedFileError, "announces 2 vertices, it holds 1"),
+        (ply("1 2 3\n4 5", vertices=2), DamagedFileError, "announces 2 vertices, it holds 1"),
         (ply("1 2 three\n", vertices=1), FormatError, "a vertex cannot be read"),
         (ply("1 2\n", vertices=1), FormatError, "a vertex cannot be read"),
         (
@@ -223,6 +224,13 @@ def test_coordinates_are_known_by_other_names(names):
     assert points_from_ply(ply("1 2 3\n", vertices=1, properties=properties), PATH)[0].tolist() == [
         [1, 2, 3]
     ]
+
+
+def test_decimal_commas_are_read_and_said():
+    with collected_remarks() as remarks:
+        points, _ = points_from_ply(ply("1,5 2 -3,25\nnan nan nan\n", vertices=2), PATH)
+    assert points[0].tolist() == [1.5, 2, -3.25]
+    assert "decimal commas" in "".join(remarks)
 
 
 def test_our_own_files_say_nothing():

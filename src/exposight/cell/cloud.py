@@ -8,6 +8,7 @@ standard deviations, too.
 
 from __future__ import annotations
 
+import codecs
 import copy
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -246,7 +247,7 @@ def read_cloud(
     if unit not in LENGTH_UNITS_MM:
         msg = f"the unit of a cloud must be {', '.join(LENGTH_UNITS_MM)}, got {unit!r}"
         raise CloudError(msg)
-    data = read_bytes(path, "point cloud")
+    data = read_bytes(path, "point cloud").removeprefix(codecs.BOM_UTF8)
     if not data:
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
         raise DamagedFileError(msg)

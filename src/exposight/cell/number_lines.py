@@ -4,12 +4,18 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exposight.files import recognised
+
 _ODD_NAN = re.compile(rb"[-+]?(?:\d*\.#[A-Za-z]+\d*|nan\(\w*\))", re.IGNORECASE)
 """What C libraries of Windows print: 1.#QNAN, -1.#IND00, 1.#INF, rounded 1.#J; -nan(ind)."""
+
+_LOOKED_AT = 65_536
+"""Bytes in which decimal commas are looked for."""
 
 
 def with_plain_nan(text: bytes) -> bytes:
@@ -25,7 +31,7 @@ def with_plain_nan(text: bytes) -> bytes:
 
 
 def numbers_of_lines(
-    text: bytes, columns: Sequence[int], *, most: int | None = None
+    text: bytes, columns: Sequence[int], source: Path, *, most: int | None = None
 ) -> NDArray[np.float64]:
     """Return some columns of a text of numbers with blanks between them.
 
@@ -35,6 +41,9 @@ def numbers_of_lines(
         Lines of numbers; empty ones are skipped.
     columns : sequence of int
         Which are wanted, from 0.
+    source : Path
+        Where it came from; that it has decimal commas, as programs on some computers write them, is
+        said.
     most : int, optional
         Lines to read.
 
@@ -49,6 +58,9 @@ def numbers_of_lines(
         If a line has too few numbers, or something else.
     """
     text = with_plain_nan(text)
+    if _has_decimal_commas(text):
+        recognised(source, "decimal commas")
+        text = text.replace(b",", b".")
     if most == 0 or not text.strip():
         return np.zeros((0, len(columns)))
     with warnings.catch_warnings():
@@ -56,3 +68,35 @@ def numbers_of_lines(
         return np.loadtxt(
             io.BytesIO(text), comments=None, usecols=tuple(columns), max_rows=most, ndmin=2
         )
+
+
+def _has_decimal_commas(text: bytes) -> bool:
+    """Tell whether numbers between blanks have commas, and none a point."""
+    start = text[:_LOOKED_AT]
+    return b"," in start and b"." not in start
+
+
+def rows_before_cut(
+    text: bytes, columns: Sequence[int], source: Path, announced: int
+) -> int | None:
+    """Return how many rows stand before the one within which a text ends.
+
+    Parameters
+    ----------
+    text, columns, source
+        As of `numbers_of_lines`, which could not read them.
+    announced : int
+        Rows that there should be.
+
+    Returns
+    -------
+    int or None
+        None where the text does not end early, or something else is wrong with it.
+    """
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole.count(b"\n") >= announced:
+        return None
+    try:
+        return len(numbers_of_lines(whole, columns, source))
+    except ValueError:
+        return None

@@ -12,7 +12,7 @@ import lzf
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell.number_lines import numbers_of_lines
+from exposight.cell.number_lines import numbers_of_lines, rows_before_cut
 from exposight.errors import DamagedFileError, FormatError
 from exposight.files import recognised
 
@@ -181,12 +181,14 @@ def _understood(said: dict[str, list[str]]) -> _Header:
 
 def _from_text(body: bytes, header: _Header, wanted: list[int], path: Path) -> NDArray[np.float64]:
     starts = np.concatenate([[0], np.cumsum(header.counts)])
+    columns = [int(starts[i]) for i in wanted]
     try:
         # Its lines may be fewer than announced; what is not there is not allocated.
-        return numbers_of_lines(
-            body, [int(starts[i]) for i in wanted], most=min(header.points + 1, len(body))
-        )
+        return numbers_of_lines(body, columns, path, most=min(header.points + 1, len(body)))
     except ValueError as error:
+        found = rows_before_cut(body, columns, path, header.points)
+        if found is not None:
+            raise _cut_off(header, found, path) from error
         msg = f"{path}: a point cannot be read ({error}); expected {' '.join(header.fields)}"
         raise FormatError(msg) from error
 

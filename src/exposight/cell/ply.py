@@ -211,7 +211,7 @@ def _organised(points: Numbers, header: _Header, body: Body, path: Path) -> Numb
         return points
     rows, columns = size["rows"], size["columns"]
     if rows * columns == len(points):
-        recognised(path, f"{rows} rows × {columns} columns as its {told_by} say")
+        recognised(path, f"{rows} rows × {columns} columns by its {told_by}")
         return points.reshape(rows, columns, -1)
     if told_by == "comments":
         recognised(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
-from exposight.cell.number_lines import numbers_of_lines, with_plain_nan
+from exposight.cell.number_lines import numbers_of_lines, rows_before_cut, with_plain_nan
 from exposight.compiled import njit
 from exposight.errors import DamagedFileError, FormatError
 
@@ -222,8 +222,11 @@ class TextBody:
         # Its rows may be fewer than announced; what is not there is not allocated.
         lines = self._lines(element)
         try:
-            read = numbers_of_lines(lines, wanted, most=min(element.count, len(lines)))
+            read = numbers_of_lines(lines, wanted, self._path, most=min(element.count, len(lines)))
         except ValueError as error:
+            found = rows_before_cut(lines, wanted, self._path, element.count)
+            if found is not None:
+                raise cut_off(self._path, element, found) from error
             listed = " ".join(each.name for each in element.properties)
             msg = (
                 f"{self._path}: a {element.name} cannot be read ({error}); expected {listed} on a "
