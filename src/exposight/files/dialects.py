@@ -26,7 +26,11 @@ COMMENTS = ("//", "#", "%")
 _SAMPLE = 400
 """Lines from which the dialect is recognised, unless they leave it open."""
 
+_MARKS = ("point", "comma")
 _COUNTING_NAMES = frozenset({"index", "idx"})
+_OPEN_QUOTE = re.compile(r'(?:^|[;,|\t])\s*"[^"]*(?:""[^"]*)*$')
+_CELL_LINES = 20
+"""Lines that a cell may have."""
 _UNNAMED = re.compile(r"(?:Unnamed: ?\d+(?:[._]level_\d+)?(?:\.\d+)?)?", re.IGNORECASE)
 _SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)"?', re.IGNORECASE)
 
@@ -195,8 +199,23 @@ def parse_table(
 
 
 def _lines(text: str) -> list[str]:
-    """Return lines by any of the three newlines, without other characters that Python splits at."""
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    """Return lines by any of the three newlines, without other characters that Python splits at.
+
+    Spreadsheets write cells of several lines in quotes: they become one line, blank ones follow.
+    """
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if '"' not in text:
+        return lines
+    for first, line in enumerate(lines):
+        last = first
+        while _OPEN_QUOTE.search(line) and line.count('"') % 2 and last + 1 < len(lines):
+            last += 1
+            line = f"{line} {lines[last]}"
+            if last - first > _CELL_LINES:
+                break
+        else:
+            lines[first : last + 1] = [line, *[""] * (last - first)]
+    return lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +254,7 @@ def find_layout(
     body: list[str] = []
     numbers: list[int] = []
     comments: list[str] = []
-    late = 0
+    late: list[tuple[int, str]] = []
     remarks: list[str] = []
     for number, line in enumerate(lines, start=1):
         bare = line.strip()
@@ -245,13 +264,19 @@ def find_layout(
             reading = _told(reading, match[1].replace("\\t", "\t"), source)
             continue
         if bare.startswith(COMMENTS) and not is_word(bare):
-            late += bool(body)
-            comments += [bare.lstrip("/#%")] if not body else []
+            if body:
+                late.append((number, line))
+            else:
+                comments.append(bare.lstrip("/#%"))
             continue
         body.append(line)
         numbers.append(number)
-    if late:
-        remarks.append(f"{late} comment line{'s' * (late > 1)} between the rows left out")
+    if late and len(body) == 1 and header is not False and not has_number(body[0]):
+        body += [line for _, line in late]  # rows whose names begin so: #1, #2
+        numbers += [number for number, _ in late]
+    elif late:
+        shown = f"{len(late)} comment line{'s' * (len(late) > 1)}"
+        remarks.append(f"{shown} below the first row left out")
     body, numbers, said = _without_count(body, numbers, source, header)
     remarks += said
     if not body and not comments:
@@ -404,7 +429,10 @@ def _without_units(
 ) -> tuple[list[str], list[list[str]], list[int], list[str]]:
     """Put units that stand in a line below the names behind these."""
     first = rows[0] if rows and names else []
-    if not any(first) or not all(not cell or is_unit(cell) for cell in first):
+    told = [k for k, cell in enumerate(first) if re.search(r"[^\W\d_]|[°%]", cell)]
+    if not told or not all(not cell or is_unit(cell) for cell in first):
+        return names, rows, numbers, []
+    if not any(is_plain(row[k], mark) for row in rows[1:] for k in told for mark in _MARKS):
         return names, rows, numbers, []
     joined = [
         f"{name} [{cell.strip('[]()')}]" if cell else name

@@ -51,9 +51,10 @@ def decode(data: bytes, source: str | Path, encoding: str | None = None) -> tupl
         If the bytes are not in the encoding, or are no text.
     """
     name = encoding or recognise_encoding(data)
-    mark = next((m for m, own in _MARKS if data.startswith(m) and _same(own, name)), b"")
+    marks = ((mark, own) for mark, own in _MARKS if data.startswith(mark) and _same(own, name))
+    mark, codec = next(marks, (b"", name))
     try:
-        text = data[len(mark) :].decode(name)
+        text = data[len(mark) :].decode(codec)
     except UnicodeDecodeError as error:
         told = f"it is not {name}" if encoding else "no encoding was recognised"
         msg = (
