@@ -6,7 +6,6 @@ fit equally well is asked (``docs/formats.md``, Text tables).
 """
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,16 +14,11 @@ from numpy.typing import NDArray
 
 from exposight.errors import FormatError, did_you_mean
 from exposight.files.column_units import is_unit
-from exposight.files.columns import looks_like_names
 from exposight.files.durable import read_bytes
 from exposight.files.encodings import decode, encoding_remark
 from exposight.files.reading import Reading, current_reading, recognised
-from exposight.files.separators import MARKS, Candidate, Split, ragged_rows, recognise_split
+from exposight.files.table_layout import Expected, find_layout
 from exposight.files.written_numbers import is_missing, is_plain, to_numbers
-
-COMMENTS = ("//", "#", "%")
-_SAMPLE = 400
-"""Lines from which the dialect is recognised, unless they leave it open."""
 
 _MARKS = ("point", "comma")
 _COUNTING_NAMES = frozenset({"index", "idx"})
@@ -32,7 +26,6 @@ _OPEN_QUOTE = re.compile(r'(?:^|[;,|\t])\s*"[^"]*(?:""[^"]*)*$')
 _CELL_LINES = 20
 """Lines that a cell may have."""
 _UNNAMED = re.compile(r"(?:Unnamed: ?\d+(?:[._]level_\d+)?(?:\.\d+)?)?", re.IGNORECASE)
-_SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)"?', re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +164,8 @@ def parse_table(
     """Read the bytes of a text table; see `read_table`."""
     reading = current_reading(reading)
     text, encoding = decode(data, source, reading.encoding)
-    layout = find_layout(_lines(text), source, reading, header, least, what)
+    expected = Expected(source=source, what=what, reading=reading, header=header, least=least)
+    layout = find_layout(_lines(text), expected)
     remarks = [encoding_remark(encoding, given=reading.encoding is not None), *layout.remarks]
     width = layout.candidate.columns
     plain = frozenset("0123456789" if "#" not in text else "")  # 1.#QNAN begins with a digit
@@ -216,208 +210,6 @@ def _lines(text: str) -> list[str]:
         else:
             lines[first : last + 1] = [line, *[""] * (last - first)]
     return lines
-
-
-@dataclass(frozen=True, kw_only=True)
-class Layout:
-    """Where the rows of a text table are, and how they become cells.
-
-    Parameters
-    ----------
-    candidate : Candidate
-    names : list of str
-        The header's cells; empty where there is none.
-    rows : list of list of str
-        Cells of each row, empty ones at its end included.
-    numbers : list of int
-        Their lines in the file, from 1.
-    remarks : list of str
-        What was recognised.
-    """
-
-    candidate: Candidate
-    names: list[str]
-    rows: list[list[str]]
-    numbers: list[int]
-    remarks: list[str]
-
-
-def find_layout(
-    lines: Sequence[str],
-    source: str | Path,
-    reading: Reading,
-    header: bool | None,
-    least: int,
-    what: str,
-) -> Layout:
-    """Return where the rows of a text table are, and how they become cells."""
-    body: list[str] = []
-    numbers: list[int] = []
-    comments: list[str] = []
-    late: list[tuple[int, str]] = []
-    remarks: list[str] = []
-    for number, line in enumerate(lines, start=1):
-        bare = line.strip()
-        if not bare.strip(";,|\t "):
-            continue
-        if number == 1 and (match := _SEPARATOR_LINE.fullmatch(bare)):
-            reading = _told(reading, match[1].replace("\\t", "\t"), source)
-            continue
-        if bare.startswith(COMMENTS) and not is_word(bare):
-            if body:
-                late.append((number, line))
-            else:
-                comments.append(bare.lstrip("/#%"))
-            continue
-        body.append(line)
-        numbers.append(number)
-    if late and len(body) == 1 and header is not False and not has_number(body[0]):
-        body += [line for _, line in late]  # rows whose names begin so: #1, #2
-        numbers += [number for number, _ in late]
-    elif late:
-        shown = f"{len(late)} comment line{'s' * (len(late) > 1)}"
-        remarks.append(f"{shown} below the first row left out")
-    body, numbers, said = _without_count(body, numbers, source, header)
-    remarks += said
-    if not body and not comments:
-        msg = f"{source} is empty; expected the rows of the {what}"
-        raise FormatError(msg)
-    return _laid_out(body, numbers, comments, source, reading, header, least, what, remarks)
-
-
-def _laid_out(
-    body: list[str],
-    numbers: list[int],
-    comments: list[str],
-    source: str | Path,
-    reading: Reading,
-    header: bool | None,
-    least: int,
-    what: str,
-    remarks: list[str],
-) -> Layout:
-    """Find the line of names, then the split of the lines."""
-    commented = comments[-1] if comments else ""
-    names: str | None = None
-    if body and header is not False and not has_number(body[0], mostly=bool(header)):
-        names, body, numbers = body[0], body[1:], numbers[1:]
-    elif commented and header is not False and (not body or looks_like_names(commented)):
-        names = commented
-    elif header:
-        msg = (
-            f"{source}: expected a line with the columns' names above the rows of the {what}, got "
-            f"{(body or comments)[0].strip()[:60]!r}"
-        )
-        raise FormatError(msg)
-    try:
-        candidate = _recognise(body, numbers, names, source, reading, least)
-        if names is not None and names == commented and candidate.unnamed:
-            msg = f"{source}: the comment {names.strip()[:60]!r} does not name all columns"
-            raise FormatError(msg)
-    except FormatError:
-        if names is None or names != commented or header:
-            raise
-        names = None  # a comment that has other words than names
-        candidate = _recognise(body, numbers, names, source, reading, least)
-    split = candidate.split
-    heads = [] if names is None else split.names(names)
-    rows = [split.cells(line) for line in body]
-    width = candidate.columns
-    if any(len(cells) != width and (len(cells) < width or any(cells[width:])) for cells in rows):
-        msg = f"{source}: {ragged_rows(candidate, body, numbers)}"
-        raise FormatError(msg)
-    if heads and len(heads) < candidate.columns:  # R does not name the column of row names
-        heads = ["", *heads]
-    if names is not None and names == commented:
-        remarks = ["the names of the columns in a comment", *remarks]
-    remarks = [*_split_remarks(split, candidate), *remarks]
-    return Layout(
-        candidate=candidate,
-        names=heads[: candidate.columns],
-        rows=rows,
-        numbers=numbers,
-        remarks=remarks,
-    )
-
-
-def _recognise(
-    body: list[str],
-    numbers: list[int],
-    names: str | None,
-    source: str | Path,
-    reading: Reading,
-    least: int,
-) -> Candidate:
-    if len(body) > 2 * _SAMPLE:
-        step = len(body) // _SAMPLE
-        sample = sorted({*range(_SAMPLE), *range(0, len(body), step)})
-        found = recognise_split(
-            [body[k] for k in sample],
-            names,
-            source,
-            reading,
-            numbers=[numbers[k] for k in sample],
-            least=least,
-            sampled=True,
-        )
-        if found is not None:
-            return found
-    found = recognise_split(body, names, source, reading, numbers=numbers, least=least)
-    assert found is not None
-    return found
-
-
-def is_word(line: str) -> bool:
-    """Return whether a line begins with a word such as #N/A, and so is no comment."""
-    return line.startswith("#") and is_missing(re.split(r"[;,|\s]", line, maxsplit=1)[0])
-
-
-def _told(reading: Reading, mark: str, source: str | Path) -> Reading:
-    """Return the reading that a first line ``sep=;`` tells."""
-    name = next(
-        (name for name, own in MARKS.items() if own == mark), "blank" if mark == " " else ""
-    )
-    if not name:
-        msg = (
-            f"{source}: its first line says that {mark!r} separates, expected one of , ; | or a tab"
-        )
-        raise FormatError(msg)
-    return reading.over(Reading(separator=name))
-
-
-def has_number(line: str, *, mostly: bool = False) -> bool:
-    """Return whether a line holds a cell that is a number, or most are: it is no line of names."""
-    marks = r"[;,|\t]" if re.search(r"[;,|\t]", line) else r"\s+"
-    cells = [cell.strip().strip('"').strip() for cell in re.split(marks, line.strip())]
-    filled = [cell for cell in cells if cell]
-    numbers = sum(is_plain(cell, "point") for cell in filled)
-    return numbers > (len(filled) // 2 if mostly else 0) or all(map(is_missing, filled))
-
-
-def _without_count(
-    body: list[str], numbers: list[int], source: str | Path, header: bool | None
-) -> tuple[list[str], list[int], list[str]]:
-    """Leave out a line above the rows that tells how many there are.
-
-    Raises
-    ------
-    FormatError
-        If there are others than it tells.
-    """
-    start = 1 if len(body) > 1 and not has_number(body[0]) and header is not False else 0
-    if len(body) < start + 2 or not body[start].strip().isdigit():
-        return body, numbers, []
-    if re.fullmatch(r"[\d.,+-]+", body[start + 1].strip()):
-        return body, numbers, []
-    told, held = int(body[start]), len(body) - start - 1
-    if told != held:
-        msg = (
-            f"{source} is cut off or wrong: line {numbers[start]} announces {told} rows, it holds "
-            f"{held}"
-        )
-        raise FormatError(msg)
-    del body[start], numbers[start]
-    return body, numbers, ["a line that counts the rows"]
 
 
 def _known(cell: str) -> str:
@@ -469,19 +261,3 @@ def _without_empty(names: list[str], rows: list[list[str]]) -> tuple[list[str], 
     if len(kept) == len(names):
         return names, rows
     return [names[k] for k in kept], [[row[k] for k in kept] for row in rows]
-
-
-def _split_remarks(split: Split, candidate: Candidate) -> list[str]:
-    """Return what to say of separator and decimal mark; nothing of commas and points."""
-    shown = {"semicolon": "semicolons", "tab": "tabs", "pipe": "pipes", "blank": "blanks"}
-    remarks = []
-    if split.separator in shown and candidate.columns > 1:
-        remarks.append(f"{shown[split.separator]} between the cells")
-    if split.decimal == "comma":
-        remarks.append("decimal commas")
-    for mark in sorted(candidate.thousands):
-        name = {",": "commas", ".": "points", "'": "apostrophes", "’": "apostrophes"}.get(
-            mark, "blanks"
-        )
-        remarks.append(f"{name} between thousands")
-    return remarks

@@ -51,6 +51,9 @@ def decode(data: bytes, source: str | Path, encoding: str | None = None) -> tupl
         If the bytes are not in the encoding, or are no text.
     """
     name = encoding or recognise_encoding(data)
+    guessed = recognise_encoding(data)
+    if name.lower() in {"utf-16", "utf16", "utf-32", "utf32"} and guessed.startswith("utf"):
+        name = guessed if guessed != "utf-8" else name  # which order its bytes have
     marks = ((mark, own) for mark, own in _MARKS if data.startswith(mark) and _same(own, name))
     mark, codec = next(marks, (b"", name))
     try:

@@ -10,10 +10,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from exposight.errors import FormatError
-from exposight.files.dialects import COMMENTS, find_layout, has_number, is_word
 from exposight.files.encodings import encoding_remark, recognise_encoding
 from exposight.files.reading import Reading
-from exposight.files.separators import MARKS
+from exposight.files.splits import MARKS
+from exposight.files.table_layout import COMMENTS, Expected, find_layout, has_number, is_word
 
 _SMALL = 2**19
 """Bytes below which a table is read line by line, which takes less than half a second."""
@@ -126,7 +126,8 @@ def sample_table(
     start, head, told = _start(body)
     body = _without_gaps(body[start:].strip(b"\n"))
     try:
-        layout = find_layout([*head, *_sample(body)], source, reading, None, least, what)
+        expected = Expected(source=source, what=what, reading=reading, header=None, least=least)
+        layout = find_layout([*head, *_sample(body)], expected)
     except FormatError:
         return None
     candidate = layout.candidate
