@@ -66,7 +66,7 @@ def _command(*words: str) -> Callable[[Path], object]:
 
     def call(path: Path) -> object:
         said = io.StringIO()
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
             status = main([*(word.replace("{}", str(path)) for word in words), "--json"])
         document = json.loads(said.getvalue())
         if status and document["error"]["type"] == "AmbiguousError":

@@ -158,7 +158,8 @@ def _by_pixel(separator: str, decimal: str) -> str:
             if np.isfinite(_CLOUD[r, c, 0]):
                 cells = [f"{x:.4f}".replace(".", decimal) for x in _CLOUD[r, c]]
                 rows.append(separator.join([str(r), str(c), *cells]))
-    rows.append(separator.join([str(_ROWS - 1), str(_COLUMNS - 1), "0", "0", "0"]))
+    if np.isnan(_CLOUD[-1, -1, 0]):  # the last pixel tells the size
+        rows.append(separator.join([str(_ROWS - 1), str(_COLUMNS - 1), "0", "0", "0"]))
     return "\n".join(rows) + "\n"
 
 
@@ -313,7 +314,7 @@ def _sensor(*options: str, second: str = "", place: bool = False) -> Callable[[P
         call += ["--name", "x", "--exposures", "1", "100", "--working-distance", "300", "900"]
         call += ["-o", str(out), *options, "--json"]
         said = io.StringIO()
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
             status = main(call)
         if status:
             text = said.getvalue()
