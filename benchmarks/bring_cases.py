@@ -329,7 +329,7 @@ def tables() -> list[Attempt]:
             train(name, right=True)
             for name in ("good.csv", "index.csv", "excel.csv", "nan.csv", "na.csv")
         ),
-        train("seconds.csv", "second| s[ ,;)]"),
+        train("seconds.csv", r"\bs\b|second"),
         train("microseconds.csv", "µs|us|micro"),
         train("percent.csv", "percent"),
         train("percent-small.csv", "percent|p_norm"),

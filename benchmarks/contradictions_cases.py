@@ -102,7 +102,7 @@ def _try(case: str, attempt: Attempt) -> Verdict:
         named = bool(attempt.names) and re.search(attempt.names, said) is not None
         outcome = "named" if named else "refused without its cause"
     else:
-        said = json.dumps(document["contradictions"], ensure_ascii=False)
+        said = json.dumps([document["contradictions"], document["notes"]], ensure_ascii=False)
         is_right = attempt.right is not None and attempt.right()
         named = bool(attempt.names) and re.search(attempt.names, said) is not None
         outcome = "right" if is_right else "named" if named else "SILENT"

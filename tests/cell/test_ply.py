@@ -260,3 +260,9 @@ def test_a_range_grid_is_the_organised_cloud_without_its_missing_points(valid, k
         for i, there in zip(index, valid.ravel(), strict=True)
     ]
     np.testing.assert_array_equal(points_from_ply(encoded(kind, header, body), PATH)[0], points)
+
+
+def test_text_that_ends_within_a_line_is_cut_off():
+    whole = ply("1.25 2.5 3.75\n" * 6, vertices=6)
+    with pytest.raises(DamagedFileError, match=r"cut off.*announces 6"):
+        points_from_ply(whole[: len(whole) - 8], PATH)

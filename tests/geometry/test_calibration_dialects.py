@@ -580,3 +580,14 @@ def test_two_files_of_which_one_contradicts_the_other(tmp_path):
     other = write(tmp_path / "extrinsics.yml", opencv(R=R, T=T[:, None], M1=K2))
     with pytest.raises(FormatError, match="both have a node 'M1'"):
         read_calibration(one, other, image_size=SIZE)
+
+
+def test_yaml_in_one_line_and_a_file_that_was_cut_off(tmp_path):
+    path = tmp_path / "flow.yaml"
+    nodes = lists({"K": K.ravel(), "D": D, "width": SIZE[0], "height": SIZE[1]})
+    path.write_text(yaml.safe_dump(nodes, default_flow_style=True))
+    assert read_calibration(path).camera.fx == K[0, 0]
+    whole = opencv(camera_matrix=K, distortion_coefficients=D)[10:]  # without its first line
+    path.write_text(whole[: whole.index("distortion_coefficients") + 5])
+    with pytest.raises(FormatError, match=r"cannot|could not"):
+        read_calibration(path, image_size=SIZE)

@@ -78,8 +78,13 @@ def _parsed(data: bytes, suffix: str) -> tuple[Tree, str]:
     text = _decoded(data)
     if text.startswith("<"):
         return _xml(text), "OpenCV XML"
-    if text.startswith("{") or (text.startswith("[") and suffix == ".json"):
+    if text.startswith('{"') or (text.startswith(("{", "[")) and suffix == ".json"):
         return _json(text), "JSON"
+    if text.startswith("{"):  # YAML's flow style looks alike
+        try:
+            return _json(text), "JSON"
+        except SyntaxFault:
+            return _yaml_or_text(text)
     if text.startswith("# oST") or suffix in {".ini", ".csv"}:
         return parse_text(text), "text"
     return _yaml_or_text(text)
@@ -144,11 +149,16 @@ def _element(element: ElementTree.Element, depth: int) -> Any:
     return _once([(child.tag, _element(child, depth + 1)) for child in children])
 
 
+_BLOCKS = re.compile(r"^\s*(rows|cols|data|FX|CX)\s*:", re.MULTILINE)
+"""Lines of matrices in YAML: what has them is no other text, however it was cut off."""
+
+
 def _yaml_or_text(text: str) -> tuple[Tree, str]:
     try:
         tree = _yaml(text)
     except (yaml.YAMLError, SyntaxFault) as fault:
-        if text.startswith("%YAML") or (isinstance(fault, SyntaxFault) and "!" in str(fault)):
+        foreign = text.startswith("%YAML") or (isinstance(fault, SyntaxFault) and "!" in str(fault))
+        if foreign or _BLOCKS.search(text):
             raise _yaml_fault(fault) from fault
         try:
             from_text = parse_text(text)
