@@ -151,6 +151,15 @@ def test_directions_are_scaled_and_positions_are_refused(tmp_path):
         read(tmp_path, listed(header, row, i=0, j=0, k=0))
 
 
+@pytest.mark.parametrize("normal", ["+Z", "z", "Z+", "0 0 1", "(0, 0, 1)", "[0;0;1]"])
+def test_a_normal_may_stand_in_one_column(tmp_path, normal):
+    text = listed("Name\tX\tY\tZ\tNormal\tR", f"{{n}}\t{{x}}\t{{y}}\t{{z}}\t{normal}\t{{r}}")
+    np.testing.assert_allclose(facts(read(tmp_path, text)), TRUTH)
+    text = listed("Name\tX\tY\tZ\tNormal\tR", "{n}\t{x}\t{y}\t{z}\tup\t{r}")
+    with pytest.raises(FeatureError, match="'H1': column nx, ny, nz: expected a number, got none"):
+        read(tmp_path, text)
+
+
 def test_inward_normals_are_turned_where_somebody_says_so(tmp_path):
     header = "name,kind,x_mm,y_mm,z_mm,nx,ny,nz,"
     for size in ("radius_mm", "R [mm]"):  # our own file, and another

@@ -7,7 +7,7 @@ import pytest
 
 from exposight.cell import is_depth_image, read_depth
 from exposight.cell.image_files import decoded_image
-from exposight.errors import FormatError, ImageError
+from exposight.errors import FormatError, ImageError, MissingFileError
 from exposight.files import collected_remarks
 from exposight.imaging import read_frames
 
@@ -32,6 +32,21 @@ def test_jpeg_is_read_and_said_once(tmp_path):
         read_frames(paths)
     (said,) = remarks
     assert "JPEG, whose compression changes grey levels" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern"),
+    [("IMG_1.TIF", "*.tiff"), ("Frame_1.tif", "frame_*.TIF"), ("a.jpeg", "*.jpg")],
+)
+def test_frames_whose_names_differ_in_capitals_or_their_twin_suffix_are_said(
+    tmp_path, name, pattern
+):
+    written(tmp_path / name, GREY, ".png")
+    with collected_remarks() as remarks:
+        assert len(read_frames(tmp_path, pattern=pattern).frames) == 1
+    assert f"frames such as {name}, for none matches {pattern}" in "".join(remarks)
+    with pytest.raises(MissingFileError, match="no frame matches"):
+        read_frames(tmp_path, pattern="*.bmp")
 
 
 def test_opacity_is_left_out(tmp_path):

@@ -89,7 +89,10 @@ def test_what_dmis_has_beside_holes_is_left_out_and_said(tmp_path):
 def test_dmis_coordinates_that_move_between_features_are_refused(tmp_path):
     a, b = CIRCLE.format("a", "1,2,3"), CIRCLE.format("b", "4,5,6")
     move = "D(2)=TRANS/XORIG,10\n"
-    assert len(read(tmp_path, "UNITS/MM,ANGDEC\nDATSET/MCS\n" + a + b)) == 2
+    assert len(read(tmp_path, "UNITS/MM,ANGDEC\nDATSET/MCS\n" + a + "RECALL/S(1)\n" + b)) == 2
+    assert len(read(tmp_path, ("UNITS/MM,ANGDEC\n" + a + b).encode("utf-16"))) == 2
+    with pytest.raises(FormatError, match="row 3 moves the coordinates"):
+        read(tmp_path, "UNITS/MM,ANGDEC\n" + a + "RECALL/D(1)\n" + b)
     with collected_remarks() as remarks:
         assert len(read(tmp_path, "UNITS/MM,ANGDEC\n" + move + a + b)) == 2
     assert "in the coordinates that row 2 sets" in "".join(remarks)

@@ -13,6 +13,7 @@ from exposight.cell.listed_features import ListFaults, feature_rotation
 from exposight.cell.part import RULES, Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
 from exposight.files import Reading, recognised
+from exposight.files.encodings import decode
 from exposight.geometry import RigidTransform
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "M": 1000.0, "INCH": 25.4, "IN": 25.4, "FEET": 304.8}
@@ -24,7 +25,7 @@ _PLANES = {"XYPLAN": (0, 1, 2), "YZPLAN": (1, 2, 0), "ZXPLAN": (2, 0, 1), "XZPLA
 _DMIS = re.compile(rb"=\s*FEAT\s*/|^\s*DMISMN\s*/|^\s*UNITS\s*/", re.IGNORECASE | re.MULTILINE)
 _FEATURE = re.compile(r"F\s*\(\s*([^()]+?)\s*\)\s*=\s*FEAT\s*/\s*(.+)", re.IGNORECASE)
 _STATEMENT = re.compile(r"(?:\w+\s*\([^()]*\)\s*=\s*)?(\w+)\s*/?\s*(.*)")
-_MOVES = frozenset({"DATSET", "TRANS", "ROTATE", "RECALL"})
+_MOVES = frozenset({"DATSET", "TRANS", "ROTATE"})
 """Statements after which coordinates are in another system."""
 
 
@@ -51,7 +52,7 @@ class _Read:
 
 def is_dmis(data: bytes) -> bool:
     """Tell by its statements whether a text is a DMIS program."""
-    return _DMIS.search(data) is not None
+    return _DMIS.search(data.replace(b"\0", b"")) is not None  # also in UTF-16
 
 
 def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Feature, ...]:
@@ -81,7 +82,8 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
         state.unit_mm = _READING_MM[reading.unit]
     faults = ListFaults(path)
     without_unit = False
-    for row, statement in _statements(data):
+    text, _ = decode(data, path, reading.encoding)
+    for row, statement in _statements(text):
         found = _FEATURE.fullmatch(statement)
         if found is None:
             _set(state, row, statement, path)
@@ -142,9 +144,9 @@ def _check(read: _Read, path: Path, *, is_pc_dmis: bool) -> None:
         raise FormatError(msg)
 
 
-def _statements(data: bytes) -> Iterator[tuple[int, str]]:
+def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Yield statements with the row that they begin in: no comments, continued lines joined."""
-    text = data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     begun, start = "", 0
     for row, line in enumerate(text.split("\n"), start=1):
         bare = line.split("$$", 1)[0].strip()
@@ -174,7 +176,9 @@ def _set(state: _State, row: int, statement: str, path: Path) -> None:
         state.angle = next((each for each in rest[1:] if each in _ANGLES), "ANGDEC")
     elif word == "WKPLAN" and rest[0] in _PLANES:
         state.plane = rest[0]
-    elif word in _MOVES and rest != ["MCS"]:
+    elif word == "DATSET" and rest[0] == "MCS":
+        state.moved_at = 0
+    elif word in _MOVES or (word == "RECALL" and re.match(r"DA?\s*\(", rest[0])):
         state.moved_at = row
 
 

@@ -86,6 +86,7 @@ _NO_LISTS = (
     (b"ply", "a mesh or a cloud: `exposight part FILE -o FOLDER` finds a mesh's holes"),
     (b"glTF", "a mesh: `exposight part FILE -o FOLDER` finds its holes"),
     (b"%PDF", "a PDF: copy its table into a CSV file"),
+    (b"<", "XML or HTML that is no QIF document: write it as a table, CSV say"),
     (b"{", "JSON: write it as a table, CSV say"),
 )
 """First bytes of what is no list of features, and what to do with it."""

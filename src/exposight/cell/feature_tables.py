@@ -25,6 +25,7 @@ from exposight.files.columns import Matched, match_columns
 from exposight.files.dialects import TextTable, parse_table
 from exposight.files.encodings import decode
 from exposight.files.reading import Reading, ambiguous, current_reading, recognised
+from exposight.files.written_numbers import is_plain
 from exposight.geometry import RigidTransform
 
 _SCALED = (0.5, 1.8)
@@ -32,8 +33,12 @@ _SCALED = (0.5, 1.8)
 _ALIKE = 0.02
 _MOST_ABOVE = 30
 """Lines among which the names of the columns are looked for."""
+_KEPT_ABOVE = re.compile(r"\s*(?:#|//|%|\"?sep=)", re.IGNORECASE)
+"""Comments, and the line that tells the separator."""
 _DASHES = re.compile(r"\s*\|?\s*:?-{3,}[-:|\s]*")
 _FEWEST = 3
+_NORMAL = ("nx", "ny", "nz")
+_AXIS_WORD = re.compile(r"([+-]?)\s*([xyz])\s*([+-]?)")
 _NO_NORMALS = (
     "it has no normals: add the columns nx, ny, nz of the outward surface normal at each feature; "
     "from the part's mesh `exposight part` takes them"
@@ -88,9 +93,9 @@ def features_from_table(
     if "name" not in columns.matched:
         names = [str(n) for n in range(1, len(table) + 1)]
         columns.remarks.append("no names: features are called by their number")
-    numbers = columns.numbers(
-        *("x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm", "diameter_mm", "size_mm"),
-        *("length_mm", "width_mm", "tx", "ty", "tz"),
+    numbers = _worded_normals(columns) | columns.numbers(
+        *("x_mm", "y_mm", "z_mm", "radius_mm", "diameter_mm", "size_mm", "length_mm", "width_mm"),
+        *("tx", "ty", "tz", *(() if "normal" in columns.matched else _NORMAL)),
     )
     kinds = _kinds(columns, numbers)
     radii = _radii(columns, numbers, names, path, reading)
@@ -124,10 +129,15 @@ def _from_header(data: bytes, path: Path, reading: Reading) -> tuple[bytes, list
             start = place
             break
     dashes = [k for k, line in enumerate(lines[: start + 2]) if _DASHES.fullmatch(line)]
-    if not dashes and not any(line.strip(' ;,|\t"') for line in lines[:start]):
+    above = [
+        k
+        for k, line in enumerate(lines[:start])
+        if line.strip(' ;,|\t"') and not _KEPT_ABOVE.match(line)
+    ]
+    if not dashes and not above:
         return data, []
-    titles = sum(bool(line.strip(' ;,|\t"')) for line in lines[:start])
-    kept = ["" if k < start or k in dashes else line for k, line in enumerate(lines)]
+    titles = len(above)
+    kept = ["" if k in above or k in dashes else line for k, line in enumerate(lines)]
     said = [f"{titles} line{'s' * (titles > 1)} above the names left out"] if titles else []
     said += [f"characters in {encoding}"] if encoding != "utf-8" else []
     return "\n".join(kept).encode(reading.encoding or "utf-8"), said
@@ -141,8 +151,11 @@ def _recognised(table: TextTable, path: Path, reading: Reading) -> _Columns:
         _, others = first_of_several(header, names)
         for place in others:
             header[place] = ""
+    # A single column may hold the whole normal.
+    single = "normal" in known_columns(header) and not set(_NORMAL) & known_columns(header)
+    wanted = [c for c in COLUMNS if c.name not in _NORMAL] if single else COLUMNS[:-1]
     try:
-        matched = match_columns(header, COLUMNS, path, reading)
+        matched = match_columns(header, wanted, path, reading)
     except FormatError as error:
         if "nx, ny, nz" in str(error):
             msg = f"{error}; {_NO_NORMALS}"
@@ -235,6 +248,24 @@ def _radii(
         columns.remarks.append(f"{header} is a {reading.size}, as told")
         radii = factor * sizes
     return radii
+
+
+def _worded_normals(columns: _Columns) -> dict[str, NDArray[np.float64]]:
+    """Return the normals of a column that holds them whole: ``+Z``, ``-x``, ``0 0 1``."""
+    if "normal" not in columns.matched:
+        return {}
+    vectors = np.full((len(columns.table), 3), np.nan)
+    for row, word in enumerate(columns.texts("normal")):
+        axis = _AXIS_WORD.fullmatch(word.lower())
+        if axis is not None:
+            vectors[row] = 0.0
+            vectors[row, "xyz".index(axis[2])] = -1.0 if "-" in (axis[1], axis[3]) else 1.0
+            continue
+        numbers = re.split(r"[\s;,|]+", word.strip(" ()[]{}<>"))
+        if len(numbers) == 3 and all(is_plain(number, "point") for number in numbers):
+            vectors[row] = [float(number) for number in numbers]
+    columns.remarks.append(f"{columns.matched['normal'].header} is the whole normal")
+    return {name: vectors[:, k] for k, name in enumerate(_NORMAL)}
 
 
 def _normals(

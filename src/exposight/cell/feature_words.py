@@ -102,8 +102,16 @@ COLUMNS: tuple[Wanted, ...] = (
         quantity="text",
         required=False,
     ),
+    Wanted(
+        name="normal",
+        aliases=(*_NORMALS[2:], "vector", "vektor"),
+        quantity="text",
+    ),
 )
-"""What a list of features may have as columns, with the names that people give them."""
+"""What a list of features may have as columns, with the names that people give them.
+
+The last one is a whole normal in a single column: ``+Z``.
+"""
 
 _KIND_WORDS: Mapping[FeatureKind, tuple[str, ...]] = {
     "hole": (

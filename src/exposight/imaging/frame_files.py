@@ -7,6 +7,7 @@ image is read where its channels are equal or one is named.
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from fnmatch import fnmatchcase
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -49,7 +50,8 @@ def read_frames(
         A folder, whose files that match `pattern` are taken in natural order (2 before 10); or the
         files themselves, taken in the order given.
     pattern : str
-        Which files of a folder are frames; its extension matches in capitals, too.
+        Which files of a folder are frames; its extension matches in capitals, too. Where none
+        matches, others that differ in capitals, or by .tif instead of .tiff, are taken and said.
     bit_depth : int, 8 to 16
         What the files must hold.
     alignment : {"low", "high"}
@@ -111,6 +113,10 @@ def _frame_paths(source: str | Path | Sequence[str | Path], pattern: str) -> lis
         raise MissingFileError(msg)
     paths = sorted(folder.glob(_any_case(pattern)), key=_natural_key)
     if not paths:
+        paths = sorted(_nearly_matching(folder, pattern), key=_natural_key)
+        if paths:
+            recognised(folder, f"frames such as {paths[0].name}, for none matches {pattern}")
+    if not paths:
         msg = f"{folder}: no frame matches '{pattern}'; {_advice(folder, pattern)}"
         raise MissingFileError(msg)
     return paths
@@ -123,6 +129,21 @@ def _any_case(pattern: str) -> str:
         return pattern
     either = (f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in extension)
     return f"{name}.{''.join(either)}"
+
+
+_TWINS = {"jpg": "jpeg", "jpeg": "jpg", "tif": "tiff", "tiff": "tif"}
+
+
+def _nearly_matching(folder: Path, pattern: str) -> list[Path]:
+    """Return files that a pattern matches but for capitals, and for .tif instead of .tiff."""
+    name, _, extension = pattern.casefold().rpartition(".")
+    tried = (extension, _TWINS.get(extension, extension))
+    return [
+        path
+        for path in folder.iterdir()
+        if any(fnmatchcase(path.name.casefold(), f"{name}.{each}") for each in tried)
+        and path.is_file()
+    ]
 
 
 def _advice(folder: Path, pattern: str) -> str:
