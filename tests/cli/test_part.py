@@ -12,6 +12,8 @@ from exposight.cell import read_features, write_features
 from exposight.cli import main
 from exposight.geometry import RigidTransform
 from exposight.geometry.meshes import read_mesh
+from exposight.plans import read_plan
+from exposight.twin import SimulatedCell
 from exposight.twin.part import read_scene
 
 CELLS = [HOLE, BLIND, PIN, Cell(radius=3.0), Cell(radius=4.0, straight=6.0, direction=0.5)]
@@ -157,3 +159,44 @@ def test_a_part_without_holes_is_refused(tmp_path, run):
     status, answer = run("part", tmp_path / "box.stl", "--unit", "mm", "-o", tmp_path / "out")
     assert status == 1
     assert "no hole" in answer["error"]["message"]
+
+
+def test_normals_of_a_list_that_point_inward_are_asked_for(stl, listed, tmp_path, run):
+    path = listed()
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    normals = [rows[0].index(name) for name in ("nx", "ny", "nz")]
+    for row in rows[1:]:
+        for column in normals:
+            row[column] = str(-float(row[column]))
+    path.write_text("\n".join(map(",".join, rows)) + "\n")
+    status, answer = matched(run, stl, path, tmp_path)
+    assert status == 1
+    assert answer["error"]["type"] == "AmbiguousError"
+    assert "normals=inward" in answer["error"]["message"]
+    status, answer = matched(run, stl, path, tmp_path, "--read-as", "normals=inward")
+    assert status == 0
+    assert answer["found"][0]["nz"] == 1.0
+    status, answer = matched(run, stl, path, tmp_path, "--read-as", "normals=outward")
+    assert answer["error"]["type"] == "ContradictionError"
+
+
+def test_an_open_sheet_can_be_turned(tmp_path, run):
+    mesh = plate([HOLE, HOLE], open_sheet=True)
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(tmp_path / "a.stl")
+    call = ("part", tmp_path / "a.stl", "--unit", "mm", "-o", tmp_path / "out")
+    assert [row["nz"] for row in run(*call)[1]["found"]] == [1.0, 1.0]
+    turned = run(*call, "--sheet-normals", "inward")[1]["found"]
+    assert [row["nz"] for row in turned] == [-1.0, -1.0]
+
+
+def test_a_sensor_brings_a_plan_that_sees_the_features(stl, tmp_path, run):
+    folder = tmp_path / "planned"
+    status, _ = run(
+        "part", stl, "--unit", "mm", "--sensor", "rc-visard-65", "--views", 4, "--exposures", 3,
+        "-o", folder,
+    )  # fmt: skip
+    assert status == 0
+    plan = read_plan(folder / "plan.toml")
+    assert plan.n_captures == 12
+    assert set(plan.features) == {"hole_01", "hole_02", "hole_03", "slot_01"}
+    assert SimulatedCell.for_plan(plan, folder=folder).part.name == "bracket"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -120,6 +121,26 @@ def test_noise_of_a_scan_moves_little():
     assert len(openings) == 3
     for opening in upper(openings):
         assert opening.radius_mm == pytest.approx(5.0, abs=0.01)
+
+
+@pytest.mark.parametrize("noise_mm", [0.002, 0.01])
+def test_a_finely_cut_noisy_scan_is_smoothed(noise_mm):
+    soup = mend_mesh(plate([Cell(radius=8.0), BLIND], 64)).mesh
+    vertices, faces = trimesh.remesh.subdivide_to_size(soup.vertices, soup.faces, 1.0)
+    noise = np.random.default_rng(3).normal(0.0, noise_mm, vertices.shape)
+    openings = found(Mesh(vertices=vertices + noise, faces=faces.astype(np.int32)))
+    assert len(openings) == 3
+    for opening, radius in zip(upper(openings), (8.0, 5.0), strict=True):
+        assert opening.radius_mm == pytest.approx(radius, abs=0.02)
+        assert opening.centre_mm[2] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_bowl_is_no_hole():
+    turn = np.linspace(0, math.pi / 2, 19)[:-1]
+    bowl = [(10 * math.cos(a) - 5, -9 * math.sin(a)) for a in turn]
+    search = find_holes(mend_mesh(plate([Cell(profile=bowl, closed=True)], 64)))
+    assert not search.openings
+    assert "1 opening left out" in search.notes[0]
 
 
 def test_repeated_flipped_and_cracked_triangles_are_mended_and_counted():

@@ -12,12 +12,16 @@ from exposight.cell.found_features import KINDS, FoundFeature, feature_at
 from exposight.cell.part import Feature, Part
 from exposight.cell.placement import faces_under
 from exposight.errors import ContradictionError, FeatureError
-from exposight.files import ambiguous
+from exposight.files import ambiguous, current_reading
+from exposight.geometry import RigidTransform
 from exposight.geometry.mesh_holes import Opening
 from exposight.geometry.meshes import MESH_UNITS_MM, Mesh
 from exposight.tables import counted
 
 _SIZE_SHARE, _SIZE_MM = 0.05, 0.1
+_OTHER_SKIN = 3.0
+"""A listed place must be so many times nearer to a skin that faces away for that to be meant."""
+
 _SHOWN = 10
 _RIMS = ("hole", "slot")
 """Kinds that have a rim; pockets pressed into sheet, balls and points need none."""
@@ -106,7 +110,7 @@ def match_features(
         FoundFeature(feature=feature, opening=None)
         if opening is None
         else FoundFeature(
-            feature=replace(feature_at(opening, feature.name), finish=feature.finish),
+            feature=_placed(feature, opening),
             opening=opening,
         )
         for feature, opening in zip(listed, pairs, strict=True)
@@ -126,6 +130,18 @@ def match_features(
     )
 
 
+def _placed(feature: Feature, opening: Opening) -> Feature:
+    """Return a listed feature with the mesh's place and sizes; a ball keeps its direction."""
+    found = replace(feature_at(opening, feature.name), finish=feature.finish)
+    if opening.outline != "ball":
+        return found
+    pose = RigidTransform(
+        rotation=feature.part_from_feature.rotation,
+        translation_mm=found.part_from_feature.translation_mm,
+    )
+    return replace(found, part_from_feature=pose)
+
+
 def _near(
     feature: Feature, openings: Sequence[Opening], tolerance_mm: float
 ) -> list[tuple[float, Opening]]:
@@ -135,18 +151,20 @@ def _near(
     """
     centre = feature.part_from_feature.translation_mm
     outward = -feature.part_from_feature.z_axis
-    best: dict[int, tuple[bool, float, Opening]] = {}
+    best: dict[int, tuple[float, float, Opening]] = {}
     for opening in openings:
         if KINDS[opening.outline] != feature.kind:
             continue
         distance = float(np.linalg.norm(opening.centre_mm - centre))
-        # A sheet's other skin may lie within the tolerance, or beyond it: its depth is known.
         if distance > tolerance_mm + 1e-9:
             continue
         away = opening.outline != "ball" and bool(opening.normal @ outward < 0)
+        # Of a thin sheet both skins are near: a place on the one that faces away tells a normal
+        # that points inward.
+        cost = distance + (_OTHER_SKIN * distance + _SIZE_MM if away else 0.0)
         known = best.get(opening.hole)
-        if known is None or (away, distance) < known[:2]:
-            best[opening.hole] = (away, distance, opening)
+        if known is None or cost < known[0]:
+            best[opening.hole] = (cost, distance, opening)
     return sorted(((d, o) for _, d, o in best.values()), key=lambda pair: pair[0])
 
 
@@ -168,6 +186,12 @@ def _check_normals(
     paired = sum(opening is not None for opening in pairs)
     if not away:
         return
+    if len(away) == paired and current_reading().normals == "outward":
+        msg = (
+            f"{source}: all normals point into the part's material, though they are said to point "
+            "outward: the mesh is inside out; turn it (open sheets: --sheet-normals inward)"
+        )
+        raise ContradictionError(msg)
     if len(away) == paired:
         raise ambiguous(
             source,

@@ -1,7 +1,7 @@
 """``exposight part``: a part from CAD, its holes found, to what plan and simulate take."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 from numpy.typing import NDArray
 
-from exposight.cell import Part, read_features, sensor_named_or_read
+from exposight.cell import Feature, Part, read_features, sensor_named_or_read
 from exposight.cell.feature_matching import match_features
 from exposight.cell.found_features import FoundFeature, Side, features_of, on_one_side
 from exposight.cli.app import UsageError
@@ -19,7 +19,6 @@ from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FeatureError
-from exposight.files import current_reading
 from exposight.geometry.mesh_holes import FoundHoles, Opening, find_holes
 from exposight.geometry.mesh_mending import mend_mesh
 from exposight.geometry.meshes import Mesh
@@ -53,6 +52,8 @@ class HoleOptions:
     side
         From which side through holes are measured: the one that faces this direction of the part's
         frame. With --features the list's normals tell.
+    sheet_normals
+        Where the triangles of a surface without thickness face.
     """
 
     features: Path | None = None
@@ -60,6 +61,7 @@ class HoleOptions:
     others: bool = False
     radius: Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")] = None
     side: Annotated[Side | None, Parameter(allow_leading_hyphen=True)] = None
+    sheet_normals: Literal["outward", "inward"] = "outward"
 
 
 _PLANNED = ("views", "exposures_ms", "captures")
@@ -121,7 +123,7 @@ def part_command(
         progress("mending the mesh", 0, 0)
         mended = mend_mesh(read, str(mesh))
         search = find_holes(mended, holes.radius, progress)
-        search = _sheets_turned(search)
+        search = _sheets_turned(search, holes)
         found, notes = _features(search, mended.mesh, holes, mesh)
         notes = [*mended.notes, *search.notes, *notes]
         part = Part(name=name or mesh.stem, features=tuple(each.feature for each in found))
@@ -165,15 +167,20 @@ def _next_step(folder: Path, plan: MeasuringPlan | None) -> str:
     return f"simulate {folder / PLAN} --observe -o {folder / 'observations.csv'}"
 
 
-def _sheets_turned(search: FoundHoles) -> FoundHoles:
+def _sheets_turned(search: FoundHoles, holes: HoleOptions) -> FoundHoles:
     """Turn the normals of open sheets where the caller says that they point inward."""
-    if current_reading().normals != "inward":
-        return search
+    n_sheet = sum(each.depth == "sheet" for each in search.openings)
+    if holes.sheet_normals == "outward":
+        note = (
+            f"{counted(n_sheet, 'rim')} of a surface without thickness: its triangles tell which "
+            "side is outward; --sheet-normals inward turns them"
+        )
+        return replace(search, notes=(*search.notes, note)) if n_sheet else search
     turned = [
-        Opening(**{**vars(each), "normal": -each.normal}) if each.depth == "sheet" else each
+        replace(each, normal=-each.normal) if each.depth == "sheet" else each
         for each in search.openings
     ]
-    return FoundHoles(openings=tuple(turned), notes=search.notes)
+    return replace(search, openings=tuple(turned))
 
 
 def _features(
@@ -194,7 +201,7 @@ def _features(
             return [*matched.found, *further], notes
         if further:
             named = ", ".join(
-                f"{each.feature.kind} of {each.feature.radius_mm:.4g} mm at "
+                f"{each.feature.kind} {_size(each.feature)} at "
                 f"({', '.join(f'{x:.5g}' for x in each.feature.part_from_feature.translation_mm)})"
                 for each in further[:10]
             )
@@ -219,6 +226,12 @@ def _features(
             "part's frame (across it +y, then +x); --side chooses another"
         )
     return found, notes
+
+
+def _size(feature: Feature) -> str:
+    if feature.length_mm is not None and feature.width_mm is not None:
+        return f"of {feature.length_mm:.4g} × {feature.width_mm:.4g} mm"
+    return f"of radius {feature.radius_mm:.4g} mm"
 
 
 def _scene(mesh: Mesh, part: Part, finishes: Finishes) -> Scene:

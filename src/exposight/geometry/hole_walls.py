@@ -7,12 +7,17 @@ wall faces away from its axis.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.geometry.mesh_edges import bend_deg, joined_faces, joined_points
+from exposight.geometry.mesh_edges import (
+    bend_deg,
+    joined_faces,
+    joined_points,
+    smoothed_normals,
+)
 from exposight.geometry.mesh_mending import MendedMesh
 from exposight.geometry.rim_shapes import RimShape, fit_rim
 from exposight.workers import Progress, ignore_progress
@@ -29,6 +34,14 @@ _OFF_WALL_DEG = 4.0
 
 _FACING = 0.97
 """This share of a wall's area faces its axis."""
+
+_FLAT_DEG = 0.02
+_NOISE_DEG, _SMOOTH_DEG, _SMOOTH_ROUNDS = 0.2, 20.0, 20
+"""From which median bend on normals are smoothed, over which angles, and how often."""
+
+_HOLLOW_SHARE, _HOLLOW_DEG = 0.1, 20.0
+"""A wall lower than this share of its width that ends in a floor by less than this bend is a band
+of a rounded hollow, not of a hole."""
 
 _BREAK_DEG = 8.0
 """What is tilted by less than this against the surface is the surface and no rounded edge."""
@@ -52,8 +65,8 @@ class WallEnd:
         Of the wall at this end.
     n_points : int
         Corners of the rim.
-    tilt_deg : float
-        By how much the rim's plane is tilted against the wall's axis.
+    bend_deg : float
+        By how much the surface bends there, median; 0 on a border.
     """
 
     opens: bool
@@ -62,7 +75,7 @@ class WallEnd:
     break_mm: float
     shape: RimShape
     n_points: int
-    tilt_deg: float
+    bend_deg: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +101,13 @@ def hole_walls(
     mesh, edges = mended.mesh, mended.edges
     bends = bend_deg(mesh.vertices, mesh.faces, mended.normals, edges)
     inner = np.isfinite(bends)
+    if _is_noisy(bends[inner]):
+        progress("smoothing normals", 0, 0)
+        normals = smoothed_normals(
+            mended.normals, mended.areas, edges.sides, edges.of_faces, _SMOOTH_DEG, _SMOOTH_ROUNDS
+        )
+        mended = replace(mended, normals=normals)
+        bends = bend_deg(mesh.vertices, mesh.faces, normals, edges)
     usual = float(np.median(np.abs(bends[inner]))) if inner.any() else 0.0
     convex = max(min(_CONVEX_DEG, -5 * usual), _MOST_CONVEX_DEG)
     joins = inner & (bends > convex) & (bends < _CONCAVE_DEG)
@@ -110,6 +130,15 @@ def hole_walls(
         others += unknown
     progress("searching walls", len(chosen), len(chosen))
     return walls, others
+
+
+def _is_noisy(bends: NDArray[np.float32]) -> bool:
+    """Tell whether a surface bends everywhere and both ways, as scans do and CAD does not."""
+    if not len(bends) or float(np.median(np.abs(bends))) < _NOISE_DEG:
+        return False
+    if float((np.abs(bends) < _FLAT_DEG).mean()) > 0.05:
+        return False
+    return 0.35 < float((bends > 0).mean()) < 0.65
 
 
 class _Search:
@@ -231,6 +260,10 @@ class _Search:
         far, near = found
         if far is None or near is None:
             return int(unknown)
+        if abs(far.rim_mm - near.rim_mm) < _HOLLOW_SHARE * far.shape.width_mm and any(
+            not end.opens and end.bend_deg < _HOLLOW_DEG for end in (far, near)
+        ):
+            return 1
         return HoleWall(axes=axes, ends=(far, near))
 
     def _rim(
@@ -280,7 +313,7 @@ class _Search:
         opens = concave < 0.5 * lengths.sum()
         sign = 1.0 if upper else -1.0
         about = np.column_stack([places[:, :2] - shape.centre_mm, np.ones(len(places))])
-        (slope_u, slope_v, level), *_ = np.linalg.lstsq(about, places[:, 2], rcond=None)
+        (_, _, level), *_ = np.linalg.lstsq(about, places[:, 2], rcond=None)
         beyond, surface = 0.0, float(level)
         if opens:
             beyond, surface = self._edge_break(border, axes, shape, float(level), sign)
@@ -291,7 +324,7 @@ class _Search:
             break_mm=beyond,
             shape=shape,
             n_points=len(corners),
-            tilt_deg=math.degrees(math.atan(math.hypot(slope_u, slope_v))),
+            bend_deg=float(np.median(np.nan_to_num(np.abs(bends)))),
         )
 
     def _edge_break(

@@ -267,3 +267,53 @@ def joined_points(n_points: int, segments: NDArray[np.signedinteger]) -> NDArray
     """
     sides = np.ascontiguousarray(segments, dtype=np.int32)
     return joined_faces(n_points, sides, np.ones(len(sides), dtype=np.bool_))
+
+
+@njit(error_model="numpy")
+def smoothed_normals(
+    normals: NDArray[np.float64],
+    areas: NDArray[np.float64],
+    sides: NDArray[np.int32],
+    of_faces: NDArray[np.int32],
+    width_deg: float,
+    rounds: int,
+) -> NDArray[np.float64]:
+    """Return normals (m, 3) averaged with those of neighbours that face alike, edges kept sharp.
+
+    Parameters
+    ----------
+    normals : (m, 3) ndarray, areas : (m,) ndarray
+        Of the triangles.
+    sides, of_faces : ndarray of int32
+        As in `MeshEdges`.
+    width_deg : float, degrees
+        Neighbours count by a Gaussian of this width over the angle between normals.
+    rounds : int
+        How often.
+    """
+    m = len(normals)
+    narrow = 1.0 / (2.0 * math.radians(width_deg) ** 2)
+    old = normals
+    for _ in range(rounds):
+        new = np.empty((m, 3))
+        for f in range(m):
+            x, y, z = old[f, 0] * areas[f], old[f, 1] * areas[f], old[f, 2] * areas[f]
+            for k in range(3):
+                e = of_faces[f, k]
+                other = sides[e, 1] if sides[e, 0] == f else sides[e, 0]
+                if other < 0:
+                    continue
+                away = 0.0
+                for j in range(3):
+                    away += (old[f, j] - old[other, j]) ** 2
+                weight = areas[other] * math.exp(-away * narrow)
+                x += weight * old[other, 0]
+                y += weight * old[other, 1]
+                z += weight * old[other, 2]
+            length = math.sqrt(x * x + y * y + z * z)
+            if length > 0.0:
+                new[f, 0], new[f, 1], new[f, 2] = x / length, y / length, z / length
+            else:
+                new[f, 0], new[f, 1], new[f, 2] = old[f, 0], old[f, 1], old[f, 2]
+        old = new
+    return old
