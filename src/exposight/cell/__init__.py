@@ -27,6 +27,12 @@ from exposight.cell.image import (
     right_aligned,
 )
 from exposight.cell.part import PAPER_TOLERANCE, RULES, Feature, FeatureKind, Part, RingTolerance
+from exposight.cell.recordings import (
+    Recording,
+    Recordings,
+    exif_exposure_ms,
+    find_recordings,
+)
 from exposight.cell.sensor import (
     PRESETS,
     ActiveSensor,

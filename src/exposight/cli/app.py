@@ -28,6 +28,7 @@ COMMANDS = {
     "sensor": "Describe a sensor from its calibration.",
     "part": "Find the holes of a part from CAD, and write it for plan and simulate.",
     "decode": "Decode recorded stripe frames, or a stereo pair, to an organised point cloud.",
+    "collect": "Collect a folder of images and clouds into a campaign.",
     "observe": "Measure quality, brightness and pose of every feature in every capture.",
     "merge": "Merge captures of a view at several exposure times into one (HDR).",
     "split": "Split an observation table into training and test data.",
@@ -122,7 +123,7 @@ def _with_common_options(
         print_json(result.document())
     elif result is not None:
         result.show()
-    return None
+    return 1 if result is not None and result.failed else 0
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -144,10 +145,10 @@ def run(arguments: Sequence[str]) -> int:
         if command is not None:
             with ended_by_interrupts():
                 app[command].help = None  # its docstring says more than its summary
-        app.meta(arguments)
+        status = app.meta(arguments)
     except (ExposightError, OSError, CycloptsError, UsageError, KeyboardInterrupt) as error:
         return _report(error, command or "", as_json="--json" in arguments)
-    return 0
+    return status if isinstance(status, int) else 0
 
 
 def _report(error: BaseException, command: str, *, as_json: bool) -> int:

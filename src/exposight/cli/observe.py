@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated
 
 import numpy as np
 import polars as pl
@@ -10,11 +10,11 @@ from cyclopts import Group, Parameter
 
 from exposight import cell
 from exposight.cli.app import UsageError
+from exposight.cli.capture_options import CaptureOptions
 from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError
-from exposight.imaging import Alignment, Channel, read_frames
 from exposight.observing import ObservationTable, observe_campaign
 from exposight.tables import Column, Table, count
 
@@ -28,34 +28,15 @@ _FEW_ROWS = 24
 
 @Parameter("*", group=Group("Or a single capture, without a campaign folder", sort_key=3))
 @dataclass(frozen=True, kw_only=True)
-class SingleCapture(PoseOptions):
+class SingleCapture(PoseOptions, CaptureOptions):
     """A capture that stands alone: its files and numbers on the command line.
 
     Parameters
     ----------
     image
         Image in which brightness is averaged, grey.
-    brightness_source
-        What it is: one stripe image (by default), the stripes' mean, a texture image, or one of
-        random dots.
-    bit_depth
-        Bit depth of the image (8 by default).
-    alignment
-        Which bits of 16 hold the grey level: low (by default) or high.
-    saturation_level
-        Grey level from which on the sensor saturates, where that is below full scale. Such pixels
-        are taken as full scale, so that they count as clipped.
-    channel
-        Which channel of a colour image is read.
     cloud
         Point cloud in the camera's frame, or depth image (.png, .tif, .npy) of the camera.
-    cloud_unit
-        Unit of the cloud (mm by default); its file does not say.
-    cloud_axes
-        Which of the file's axes are the camera's x (right), y (down) and z (ahead): x -y -z for a
-        cloud made for viewers that use OpenGL.
-    depth_scale
-        Of a depth image: mm a step, 0.1 where it is in tenths of a mm; its file does not say.
     features
         The part's features, CSV (docs/formats.md).
     sensor
@@ -65,15 +46,7 @@ class SingleCapture(PoseOptions):
     """
 
     image: Path | None = None
-    brightness_source: cell.BrightnessSource | None = None
-    bit_depth: cell.BitDepth | None = None
-    alignment: Alignment | None = None
-    saturation_level: int | None = None
-    channel: Channel | None = None
     cloud: Path | None = None
-    cloud_unit: Literal["mm", "cm", "m"] | None = None
-    cloud_axes: Annotated[tuple[str, str, str] | None, Parameter(allow_leading_hyphen=True)] = None
-    depth_scale: Annotated[float | None, Parameter(metavar="MM")] = None
     features: Path | None = None
     sensor: Annotated[str | None, Parameter(metavar="NAME|FILE")] = None
     exposure_ms: float | None = None
@@ -104,45 +77,21 @@ class SingleCapture(PoseOptions):
         ):
             raise UsageError(self._missing())
         sensor = cell.sensor_named_or_read(self.sensor)
-        bit_depth = self.bit_depth or 8
-        stack = read_frames(
-            [self.image],
-            bit_depth=bit_depth,
-            alignment=self.alignment or "low",
-            channel=self.channel,
-            saturation_level=self.saturation_level,
-        )
-        image = stack.frames[0]
-        if stack.clipping_level < stack.full_scale:
-            image = np.where(image < stack.clipping_level, image, stack.full_scale)
+        form = self.form
         part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
         capture = cell.Capture(
             view=self.image.stem,
             exposure_ms=self.exposure_ms,
-            image=cast("cell.Image", image.astype(stack.frames.dtype)),
-            cloud=self._cloud(self.cloud, sensor),
+            image=form.image(self.image),
+            cloud=form.cloud(self.cloud, sensor),
             camera_from_part=self.camera_from_part_seen(part, sensor),
-            bit_depth=bit_depth,
-            brightness_source=self.brightness_source or "stripe",
+            bit_depth=form.bit_depth,
+            brightness_source=form.brightness_source,
         )
         self.check_chain(capture, part, sensor)
         return cell.MemoryCampaign(
             name=str(self.image), sensor=sensor, part=part, captures=[capture]
         )
-
-    def _cloud(self, path: Path, sensor: cell.ActiveSensor) -> cell.Cloud:
-        """Read a cloud, or a depth image as one."""
-        if not cell.is_depth_image(path):
-            if self.depth_scale is not None:
-                msg = f"--depth-scale is of depth images; {path} is a point cloud (--cloud-unit)"
-                raise UsageError(msg)
-            return cell.read_cloud(
-                path, unit=self.cloud_unit or "mm", axes=self.cloud_axes or ("x", "y", "z")
-            )
-        if self.cloud_unit is not None or self.cloud_axes is not None:
-            msg = f"{path} is a depth image: its unit is --depth-scale MM, its axes the camera's"
-            raise UsageError(msg)
-        return cell.read_depth_cloud(path, sensor, scale_mm=self.depth_scale)
 
     def _missing(self) -> str:
         needed = ("--image", "--cloud", "--features", "--sensor", "--exposure-ms")

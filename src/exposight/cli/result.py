@@ -18,6 +18,9 @@ from exposight.errors import FileError
 from exposight.quantities import QUANTITIES
 from exposight.tables import Column, Table, count
 
+_MOST_REMARKS = 12
+"""Lines about what was recognised in files."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
@@ -99,6 +102,8 @@ class Result:
         What was written.
     next_step : str
         A command that may follow, for people.
+    failed : bool
+        Whether something of what was asked for could not be done: the exit status is 1.
     """
 
     title: str = ""
@@ -109,6 +114,7 @@ class Result:
     contradictions: tuple[Contradiction, ...] = ()
     files: tuple[Written, ...] = ()
     next_step: str = ""
+    failed: bool = False
 
     def document(self) -> dict[str, object]:
         """Return the result as a JSON object."""
@@ -132,8 +138,10 @@ class Result:
             if self.title or shown or position:
                 _print_line("")
             _print_table(table)
-        for remark in self.recognised:
+        for remark in self.recognised[:_MOST_REMARKS]:
             console().print(Text.assemble(("read: ", "bold cyan"), remark))
+        if left := len(self.recognised[_MOST_REMARKS:]):
+            _print_line(f"read: {count(left)} more remarks, with --json all")
         for contradiction in self.contradictions:
             marked = Text.assemble(("contradiction: ", "bold red"), str(contradiction))
             console().print(marked)

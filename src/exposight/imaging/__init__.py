@@ -1,5 +1,6 @@
 """From recorded frames to projector coordinates, and from these to organised clouds."""
 
+from exposight.imaging.capture_files import CaptureForm
 from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.decoded import DecodedMap, DecodingCounts, DecodingLimits, PixelFlag
 from exposight.imaging.decoding import decode, read_recording

@@ -24,6 +24,7 @@ from exposight.observing.readings import (
     pose_contradictions,
     pose_that_fits,
     poses_in_view,
+    reading_that_fits,
     why_not_visible,
 )
 from exposight.observing.schema import SCHEMA, Observation
