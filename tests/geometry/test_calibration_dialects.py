@@ -6,6 +6,8 @@ import json
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.io import savemat
 
 from exposight.errors import AmbiguousError, ContradictionError, FormatError, InputError
@@ -179,6 +181,13 @@ ONE_CAMERA = {
     ),
     "headings.txt": f"Camera matrix:\n{np.array2string(K)}\nDistortion coefficients:\n"
     f"{np.array2string(D)}\nwidth: 1624\nheight: 1240\n",
+    "printed.txt": f"ret = 0.21\nmtx = {K!r}\ndist = {D[None]!r}\nwidth = 1624\nheight = 1240\n",
+    "python.txt": f"K = np.array({K.tolist()})\nD = np.array({D.tolist()})\n",
+    "sections.txt": "[camera]\n"
+    + "\n".join(f"{k}={v}" for k, v in named().items())
+    + "\n[distortion]\nk1=-0.0812\nk2=0.1334\np1=0.0004\np2=-0.0011\nk3=0.025\n",
+    "tables.toml": f"[camera]\nmatrix = {K.tolist()}\ndistortion = {D.tolist()}\n"
+    "size = [1624, 1240]\n",
     "german.txt": "Kamera\nK\n2210,5;0;811,25\n0;2212,0;622,5\n0;0;1\nD\n-0,0812;0,1334;0,0004;"
     "-0,0011;0,025\nwidth = 1624\nheight = 1240\n",
     "savez.npz": archive(
@@ -203,6 +212,27 @@ ONE_CAMERA = {
     ),
     "utf16.yaml": dumped(K=K, D=D, **SIZES).encode("utf-16"),
 }
+
+
+def test_numbers_survive_any_form(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("forms")
+    number = st.floats(0.3, 3.0, allow_nan=False)
+
+    @settings(deadline=None, max_examples=30)
+    @given(st.lists(number, min_size=4, max_size=4), st.lists(st.floats(-1, 1), min_size=5,
+                                                              max_size=5))  # fmt: skip
+    def law(factors, coefficients):
+        matrix = K * [[factors[0], 1, 1], [1, factors[1], 1], [1, 1, 1]]
+        matrix = np.array([[matrix[0, 0], 0, 811 * factors[2]], [0, matrix[0, 0] * 1.01, 622.0],
+                           [0, 0, 1]])  # fmt: skip
+        nodes = {"K": matrix, "dist": np.array(coefficients)}
+        for name, form in (("c.yml", opencv), ("c.yaml", dumped), ("c.json", in_json),
+                           ("c.npz", archive)):  # fmt: skip
+            camera = read_calibration(write(folder / name, form(**nodes)), image_size=SIZE).camera
+            np.testing.assert_array_equal(camera.matrix, matrix)
+            np.testing.assert_array_equal(camera.distortion, coefficients)
+
+    law()
 
 
 def write(path, content):

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from exposight.geometry.calibration_values import IS_PRINTED, SyntaxFault, Tree, scalar
 
 _NAME = re.compile(r"[A-Za-z_][\w .()/-]*")
+_LONGEST = 20
+"""Lines of a printed array."""
 _SECTION = re.compile(r"\s*\[\s*([A-Za-z_][^\]]*?)\s*\]\s*")
 
 
@@ -30,9 +32,7 @@ def _blocks(text: str) -> Iterator[tuple[str, str, list[str]]]:
     """Yield section, name and lines of each value; sections that come again are numbered."""
     section, name, lines, unnamed = "", "", list[str](), 0
     sections: dict[str, int] = {}
-    for raw in [*text.splitlines(), ""]:
-        line = raw.partition("#")[0].partition("%")[0].strip()
-        line = line.removeprefix("//").strip()
+    for line in [*_joined_lines(text), ""]:
         if _is_numeric(line):
             if lines and not name and _count(line) != _count(lines[-1]):
                 unnamed += 1
@@ -56,6 +56,22 @@ def _blocks(text: str) -> Iterator[tuple[str, str, list[str]]]:
 
 def _is_numeric(line: str) -> bool:
     return bool(line) and IS_PRINTED.fullmatch(line) is not None
+
+
+def _joined_lines(text: str) -> Iterator[str]:
+    """Yield lines without comments; a printed array that begins after a name is one."""
+    begun: list[str] = []
+    for raw in text.splitlines():
+        line = raw.partition("#")[0].partition("%")[0].strip().removeprefix("//").strip()
+        if "array(" in text:
+            line = re.sub(r"(?:np\.|numpy\.)?array\(|,\s*dtype=[\w.]+|\)\s*[,;]?$", "", line)
+        begun.append(line)
+        whole = "\n".join(begun)
+        is_open = whole.count("[") > whole.count("]") and re.search(r"[=:]\s*\[", begun[0])
+        if not is_open or len(begun) > _LONGEST:
+            yield from [whole] if len(begun) <= _LONGEST else begun
+            begun = []
+    yield from begun
 
 
 def _count(line: str) -> int:

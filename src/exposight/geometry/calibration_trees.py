@@ -1,6 +1,6 @@
 """Syntax of calibration files: bytes to nested maps, lists, numbers and text.
 
-OpenCV's YAML, XML and JSON, plain YAML and JSON, text with headings or ``name=value`` lines,
+OpenCV's YAML, XML and JSON, plain YAML, JSON and TOML, text with headings or ``name=value`` lines,
 NumPy's and MATLAB's archives. Python's parsers do it, with limits: no aliases, no document types,
 no pickle, nothing above `LARGEST_BYTES`. A map of rows, columns and data, and text that is a
 printed matrix, become arrays; what the names mean is left to others.
@@ -9,6 +9,7 @@ printed matrix, become arrays; what the names mean is left to others.
 import io
 import json
 import re
+import tomllib
 from typing import Any
 from xml.etree import ElementTree
 
@@ -41,7 +42,7 @@ def parse_tree(data: bytes, suffix: str) -> tuple[Tree, str]:
     Tree
         Its content.
     str
-        Its syntax: OpenCV XML, JSON, YAML, text, NumPy or MATLAB.
+        Its syntax: OpenCV XML, JSON, YAML, TOML, text, NumPy or MATLAB.
 
     Raises
     ------
@@ -85,6 +86,8 @@ def _parsed(data: bytes, suffix: str) -> tuple[Tree, str]:
             return _json(text), "JSON"
         except SyntaxFault:
             return _yaml_or_text(text)
+    if suffix == ".toml":
+        return settled(tomllib.loads(text), "matrix"), "TOML"
     if text.startswith("# oST") or suffix in {".ini", ".csv"}:
         return parse_text(text), "text"
     return _yaml_or_text(text)

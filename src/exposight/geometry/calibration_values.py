@@ -127,6 +127,8 @@ def _announced(value: Mapping[str, Any], name: str, depth: int) -> NDArray[np.fl
     if channels is None:
         msg = f"'{name}' is of the type {lower['dt']!r}; expected one kind of number, such as d"
         raise SyntaxFault(msg)
+    if channels[0].endswith("f"):  # written, and read by OpenCV, in single precision
+        data = data.astype(np.float32).astype(np.float64)
     if shape.size == 1:
         shape = np.append(shape, 1.0)
     columns = int(np.prod(shape[1:])) * int(channels[1] or 1)

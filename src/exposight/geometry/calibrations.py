@@ -113,7 +113,8 @@ def recognise_calibration(
         given = projector_size if device == "projector" else image_size
         size = find_size(file, keys, device, lenses, given)
         if size is None:
-            missing.append(missing_size(device))
+            if device != "second" or not missing:  # both cameras lack it: said once
+                missing.append(missing_size(device))
             continue
         if size.names:
             taken[size.names] = name
