@@ -44,6 +44,15 @@ def test_radius_does_not_depend_on_the_tessellation(corners):
     assert upper(found(plate([HOLE], corners)))[0].radius_mm == pytest.approx(5.0, abs=EXACT)
 
 
+def test_corners_in_the_middle_of_chords_do_not_shrink_a_circle():
+    soup = mend_mesh(plate([HOLE, Cell(radius=4, straight=6, direction=0.3)], 24)).mesh
+    vertices, faces = trimesh.remesh.subdivide(soup.vertices, soup.faces)
+    vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    hole, slot = upper(found(Mesh(vertices=vertices, faces=faces.astype(np.int32))))
+    assert hole.radius_mm == pytest.approx(5.0, abs=EXACT)
+    assert (slot.length_mm, slot.width_mm) == pytest.approx((20.0, 8.0), abs=1e-3)
+
+
 @settings(deadline=None, max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -80,8 +80,11 @@ def match_features(
     pairs: list[Opening | None] = []
     missing: list[Feature] = []
     double: list[str] = []
+    # Without a rim nothing is found, and all of the list is taken from it.
+    tree = cKDTree(np.array([each.centre_mm for each in openings]).reshape(-1, 3))
     for feature in listed:
-        near = _near(feature, openings, tolerance_mm)
+        around = tree.query_ball_point(feature.part_from_feature.translation_mm, tolerance_mm)
+        near = _near(feature, [openings[i] for i in sorted(around)])
         if len(near) > 1 and near[0][0] > 0.3 * near[1][0]:
             double.append(
                 f"{feature.name!r} at {_spelled(feature.part_from_feature.translation_mm)} lies "
@@ -142,9 +145,7 @@ def _placed(feature: Feature, opening: Opening) -> Feature:
     return replace(found, part_from_feature=pose)
 
 
-def _near(
-    feature: Feature, openings: Sequence[Opening], tolerance_mm: float
-) -> list[tuple[float, Opening]]:
+def _near(feature: Feature, openings: Sequence[Opening]) -> list[tuple[float, Opening]]:
     """Return the nearest opening of each hole that may be a feature, with the distance.
 
     Of a hole's two openings it is the one that faces the same way.
@@ -156,8 +157,6 @@ def _near(
         if KINDS[opening.outline] != feature.kind:
             continue
         distance = float(np.linalg.norm(opening.centre_mm - centre))
-        if distance > tolerance_mm + 1e-9:
-            continue
         away = opening.outline != "ball" and bool(opening.normal @ outward < 0)
         # Of a thin sheet both skins are near: a place on the one that faces away tells a normal
         # that points inward.

@@ -1,6 +1,7 @@
 """Features of a part from the holes that were found in its mesh."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -49,9 +50,10 @@ def on_one_side(openings: Iterable[Opening], side: Side = "z") -> list[Opening]:
     if side == "both":
         return openings
     chosen = []
+    sides = Counter(opening.hole for opening in openings)
     for opening in openings:
         facing = _facing(opening.normal, side)
-        if opening.depth != "through" or facing > 0 or not _has_other(opening, openings):
+        if opening.depth != "through" or facing > 0 or sides[opening.hole] < 2:
             chosen.append(opening)
     return chosen
 
@@ -63,10 +65,6 @@ def _facing(normal: NDArray[np.float64], side: str) -> float:
         if abs(cosine) > _SIDEWAYS:
             return float(cosine)
     return 1.0
-
-
-def _has_other(opening: Opening, openings: Sequence[Opening]) -> bool:
-    return any(other.hole == opening.hole and other is not opening for other in openings)
 
 
 def features_of(openings: Iterable[Opening], finish: str = "") -> list[FoundFeature]:

@@ -315,8 +315,10 @@ def _balls(mended: MendedMesh, first: int) -> list[Opening]:
     sizes = np.bincount(mended.body, minlength=len(mended.closed))
     chosen = np.flatnonzero(mended.closed & (sizes >= _BALL_FACES))
     balls: list[Opening] = []
+    order = np.argsort(mended.body, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(sizes)])
     for number in chosen:
-        faces = mended.mesh.faces[mended.body == number]
+        faces = mended.mesh.faces[order[starts[number] : starts[number + 1]]]
         points = mended.mesh.vertices[np.unique(faces)]
         middle = points.mean(axis=0)
         away = points - middle

@@ -23,6 +23,9 @@ _MOST_APART_DEG = 60.0
 _LONGER = 1.02
 """A slot's length over its width, at least."""
 
+_STRAIGHT_SHARE = 0.02
+"""A corner at which a loop turns by less than this share of what others turn is none."""
+
 _CHORD_SHARE = 0.05
 """Chords leave an outline by no more than this share of its width, as an octagon's do."""
 
@@ -75,6 +78,7 @@ def fit_rim(points_mm: NDArray[np.float64], segments: NDArray[np.int64]) -> RimS
     """
     if len(points_mm) < 4:
         return None
+    points_mm, segments = _without_flat_corners(points_mm, segments)
     circle = _circle(points_mm)
     if circle is not None and circle.rms_mm <= 0.002 * circle.radius_mm:
         return circle
@@ -88,6 +92,43 @@ def fit_rim(points_mm: NDArray[np.float64], segments: NDArray[np.int64]) -> RimS
         if simpler.rms_mm <= max(2.0 * best.rms_mm, 1e-4 * simpler.width_mm):
             return simpler
     return best
+
+
+def _without_flat_corners(
+    points: NDArray[np.float64], segments: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Leave out corners at which a loop goes straight on: they lie on a chord, not on the curve.
+
+    A mesh whose triangles were cut into smaller ones has such.
+    """
+    n = len(points)
+    if len(segments) != n or (np.bincount(segments.ravel(), minlength=n) != 2).any():
+        return points, segments  # no single loop
+    order = np.argsort(segments.ravel(), kind="stable").reshape(n, 2)
+    others = segments.ravel()[order ^ 1]  # the far ends of each point's two segments
+    a, b = points[others[:, 0]] - points, points - points[others[:, 1]]
+    turn = np.abs(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
+    kept = turn > _STRAIGHT_SHARE * np.quantile(turn, 0.9)
+    if kept.all() or kept.sum() < 4:
+        return points, segments
+    joined = _next_kept(others, kept)
+    number = np.cumsum(kept) - 1
+    return points[kept], number[joined]
+
+
+def _next_kept(others: NDArray[np.int64], kept: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return pairs of kept points (k, 2) that follow each other along a loop."""
+    start = int(np.flatnonzero(kept)[0])
+    pairs, last, before, here = [], start, start, int(others[start, 0])
+    for _ in range(len(others)):
+        if kept[here]:
+            pairs.append((last, here))
+            last = here
+        if here == start:
+            break
+        following = others[here, 1] if others[here, 0] == before else others[here, 0]
+        before, here = here, int(following)
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _good(shape: RimShape, middles: NDArray[np.float64]) -> bool:
