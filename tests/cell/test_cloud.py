@@ -297,6 +297,14 @@ def test_an_e57_is_in_metres_and_organised_by_its_indices(tmp_path):
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.e57", unit="m").points, cloud.points)
 
 
+def test_an_e57_of_a_part_of_the_image_has_no_rows_and_columns(tmp_path):
+    index = {"rowIndex": np.array([5, 9], np.uint16), "columnIndex": np.array([3, 4], np.uint16)}
+    e57(tmp_path / "cloud.e57", (np.full((2, 3), 100.0), index))
+    with collected_remarks() as remarks:
+        assert read_cloud(tmp_path / "cloud.e57").points.shape == (2, 3)
+    assert "its indices begin within the image" in "".join(remarks)
+
+
 def test_of_several_scans_in_an_e57_one_is_chosen(tmp_path):
     one, two = np.full((4, 3), 100.0), np.full((5, 3), 200.0)
     e57(tmp_path / "cell.e57", (one, {}), (two, {}))

@@ -8,7 +8,8 @@ from exposight.cell.campaign import (
     write_numbered_capture,
 )
 from exposight.cell.capture import Capture, CaptureKey
-from exposight.cell.cloud import CLOUD_SUFFIXES, LENGTH_UNITS_MM, Cloud, read_cloud, write_cloud
+from exposight.cell.cloud import Cloud
+from exposight.cell.cloud_files import CLOUD_SUFFIXES, LENGTH_UNITS_MM, read_cloud, write_cloud
 from exposight.cell.depth_images import (
     cloud_from_depth,
     is_depth_image,

@@ -157,6 +157,10 @@ def _organised(
     place = (index[:, 0] - first[0]) * columns + index[:, 1] - first[1]
     if min(rows, columns) < 2 or rows * columns > _SPARSE * len(points):
         return points
+    if first.any() and len(points) < rows * columns:
+        # Writers that keep valid points alone tell the rows and columns that these reach over.
+        remarks.append("without rows and columns, for its indices begin within the image")
+        return points
     if len(np.unique(place)) < len(place):
         remarks.append("without rows and columns, which several points share")
         return points

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image as PillowImage
 
-from exposight.cell.cloud import CLOUD_SUFFIXES
+from exposight.cell.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import is_image
 from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError
 from exposight.files import ambiguous, current_reading
@@ -17,7 +17,7 @@ TIME_UNITS_MS: Mapping[str, float] = {"ms": 1.0, "us": 1e-3, "s": 1e3}
 IMAGE_SUFFIXES = frozenset(
     {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm"}
 )
-_CLOUDS = frozenset({*CLOUD_SUFFIXES, ".npy", ".npz"})
+_CLOUDS = frozenset({*READ_SUFFIXES, ".npz"})
 _UNIT = r"(?P<unit>msec|ms|usec|us|µs|μs|sec|s)(?![A-Za-z])"
 _DECIMALS = r"\d+(?:[.,p_]\d+)?"
 _PLAIN_NUMBER = r"\d+(?:[.,p]\d+)?"

@@ -11,7 +11,7 @@ import numpy as np
 
 from exposight import cell
 from exposight.cell import PRESETS, CampaignFolder
-from exposight.cell.cloud import READ_SUFFIXES
+from exposight.cell.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import decoded_image
 from exposight.cli.measure import plan_from, plan_summary
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
