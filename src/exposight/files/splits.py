@@ -41,7 +41,7 @@ class Split:
         else:
             rows = csv.reader([line], delimiter=mark, skipinitialspace=True)
             cells = list(map(_stripped, next(iter(rows), [])))
-        if not self.joined:
+        if not self.joined or '"' in line:  # quotes tell the cells
             return cells
         while cells and not cells[-1]:
             cells.pop()

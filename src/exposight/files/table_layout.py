@@ -229,11 +229,16 @@ def _told(reading: Reading, mark: str, source: str | Path) -> Reading:
 
 def has_number(line: str, *, mostly: bool = False) -> bool:
     """Return whether a line holds a cell that is a number, or most are: it is no line of names."""
-    marks = r"[;,|\t]" if re.search(r"[;,|\t]", line) else r"\s+"
-    cells = [cell.strip().strip('"').strip() for cell in re.split(marks, line.strip())]
-    filled = [cell for cell in cells if cell]
-    numbers = sum(is_plain(cell, "point") for cell in filled)
-    return numbers > (len(filled) // 2 if mostly else 0) or all(map(is_missing, filled))
+    ways = [r"[;,|\t]"] if re.search(r"[;,|\t]", line) else []
+    if not re.search(r"[;|\t]", line):
+        ways.append(r"\s+")  # which may separate numbers with decimal commas
+    for marks in ways:
+        cells = [cell.strip().strip('"').strip() for cell in re.split(marks, line.strip())]
+        filled = [cell for cell in cells if cell]
+        numbers = sum(is_plain(cell, "point") or is_plain(cell, "comma") for cell in filled)
+        if numbers > (len(filled) // 2 if mostly else 0) or all(map(is_missing, filled)):
+            return True
+    return False
 
 
 def _without_count(body: list[str], numbers: list[int], expected: Expected) -> list[str]:
