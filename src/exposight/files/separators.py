@@ -143,8 +143,17 @@ def _columns(rows: Sequence[Sequence[str]], heads: Sequence[str] | None) -> tupl
         if any(len(row) >= columns and row[columns - 1] for row in rows):
             break
         columns -= 1
-    ragged = sum(len(row) < columns or any(cell for cell in row[columns:]) for row in rows)
+    ragged = _ragged(rows, columns)
+    if ragged:
+        # Separators at the ends of some lines only.
+        most = max((k + 1 for row in rows for k, cell in enumerate(row) if cell), default=1)
+        if not _ragged(rows, most):
+            return most, 0
     return columns, ragged
+
+
+def _ragged(rows: Sequence[Sequence[str]], columns: int) -> int:
+    return sum(len(row) < columns or any(row[columns:]) for row in rows)
 
 
 def _is_one_column(rows: Sequence[Sequence[str]], names: str | None, split: Split) -> bool:

@@ -251,11 +251,12 @@ def _without_count(body: list[str], numbers: list[int], expected: Expected) -> l
     """
     named = len(body) > 1 and expected.header is not False and not has_number(body[0])
     start = 1 if named else 0
-    if len(body) < start + 2 or not body[start].strip().isdigit():
+    count = body[start].strip(" ;,|\t") if len(body) >= start + 2 else ""
+    if not count.isdigit():
         return []
-    if re.fullmatch(r"[\d.,+-]+", body[start + 1].strip()):
+    if re.fullmatch(r"[+-]?\d+(?:\.\d*)?", body[start + 1].strip()):
         return []
-    told, held = int(body[start]), len(body) - start - 1
+    told, held = int(count), len(body) - start - 1
     if told != held:
         msg = (
             f"{expected.source} is cut off or wrong: line {numbers[start]} announces {told} rows, "

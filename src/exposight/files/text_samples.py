@@ -127,8 +127,11 @@ def sample_table(
     body = _without_gaps(body[start:].strip(b"\n"))
     try:
         expected = Expected(source=source, what=what, reading=reading, header=None, least=least)
-        layout = find_layout([*head, *_sample(body)], expected)
+        sample = _sample(body)
+        layout = find_layout([*head, *sample], expected) if sample else None
     except FormatError:
+        return None
+    if layout is None:
         return None
     candidate = layout.candidate
     split = candidate.split
@@ -174,11 +177,12 @@ def _start(body: bytes) -> tuple[int, list[str], int | None]:
         bare = line.strip()
         following = lines[k + 1].strip()
         comment = bare.startswith(COMMENTS) and not is_word(bare)
-        counts = bare.isdigit() and told is None and not following.isdigit()
+        count = bare.strip(" ;,|\t")
+        counts = count.isdigit() and told is None and not following.isdigit()
         if not comment and not counts and has_number(line):
             break
         if counts:
-            told = int(bare)
+            told = int(count)
         else:
             head.append(line)
         start += len(raw) + 1
