@@ -291,6 +291,12 @@ def test_what_describes_no_camera(failing, words, status, message):
     assert message in failing(*words, *NEEDED, status=status)
 
 
+def test_a_projector_s_size_without_a_projector(tmp_path, failing):
+    (tmp_path / "c.json").write_text('{"fx": 900, "fy": 900, "cx": 640, "cy": 480}')
+    words = ("--image-size", 1280, 960, "--projector-size", 1024, 768)
+    assert "has none" in failing(tmp_path / "c.json", *words, *NEEDED, status=2)
+
+
 def test_a_calibration_needs_no_field_of_view(camera_info, failing):
     told = failing(camera_info, "--resolution", 1280, 800, *NEEDED, status=2)
     assert "leave out --resolution" in told

@@ -416,6 +416,28 @@ def test_a_projection_alone_is_of_rectified_images(tmp_path):
     assert found.images == "rectified"
 
 
+def test_raw_or_rectified_is_asked_for_in_any_form(tmp_path):
+    one = write(tmp_path / "one.json", in_json(K=K, D=D, P_rect=P, **SIZES))
+    two = write(tmp_path / "two.json", in_json(
+        K_left=K, D_left=D, K_right=K2, D_right=DP, R=R, T=T, P_left=P,
+        P_right=P - [[0, 0, 0, 2100 * np.linalg.norm(T)], [0] * 4, [0] * 4]))  # fmt: skip
+    for path, size in ((one, None), (two, SIZE)):
+        with pytest.raises(FormatError, match="--raw or --rectified"):
+            read_calibration(path, image_size=size)
+        assert_camera(read_calibration(path, image_size=size, images="raw").camera)
+        found = read_calibration(path, image_size=size, images="rectified")
+        assert_camera(found.camera, P[:, :3], ())
+
+
+def test_one_of_two_devices_without_a_pose(tmp_path):
+    path = write(tmp_path / "c.json", in_json(rgb={"K": K, "D": D}, depth={"K": KP, "D": DP}))
+    with pytest.raises(AmbiguousError) as asked:
+        read_calibration(path, image_size=SIZE)
+    assert "--keys camera_matrix=rgb.K" in asked.value.readings
+    keys = CalibrationKeys(camera_matrix="rgb.K")
+    assert_camera(read_calibration(path, keys=keys, image_size=SIZE).camera)
+
+
 def test_keys_do_not_go_with_a_camera_info(tmp_path):
     with pytest.raises(FormatError, match="leave out the keys"):
         read_calibration(write(tmp_path / "c.yaml", message()), keys=CalibrationKeys(rotation="r"))

@@ -197,14 +197,14 @@ def sensor_command(
             images=image_kind(rectified),
             image_size=image_size,
             projector_size=projector_size,
-            second=None if projector_size is None else "projector",
+            second=None if projector_size is None or projector is not None else "projector",
         )
     )
     if image_size is not None and (found.camera.width, found.camera.height) != image_size:
         size = f"{found.camera.width} × {found.camera.height}"
         msg = f"{calibration} is of images of {size} px; leave out --image-size"
         raise UsageError(msg)
-    light = _projector(found, projector, projector_pose)
+    light = _projector(found, projector, projector_pose, projector_size)
     near_mm, far_mm = working_distance_mm
     tcp_mm = (near_mm + far_mm) / 2 if tcp_distance_mm is None else tcp_distance_mm
     if not near_mm <= tcp_mm <= far_mm:
@@ -246,7 +246,10 @@ def sensor_command(
 
 
 def _projector(
-    found: geometry.Calibration, projector: Path | None, pose: Path | None
+    found: geometry.Calibration,
+    projector: Path | None,
+    pose: Path | None,
+    size: tuple[int, int] | None,
 ) -> Projector | None:
     """Return the projector of the calibration, or of a calibration of its own."""
     if projector is not None or pose is not None:
@@ -260,10 +263,13 @@ def _projector(
             msg = "a projector needs both its --projector and its --projector-pose"
             raise UsageError(msg)
         return Projector(
-            camera=geometry.read_calibration(projector, images="raw").camera,
+            camera=geometry.read_calibration(projector, images="raw", image_size=size).camera,
             camera_from_projector=geometry.read_pose(pose),
         )
     if found.projector is None or found.transform is None:
+        if size is not None:
+            msg = "--projector-size is of a projector, and the calibration has none"
+            raise UsageError(msg)
         return None
     return Projector(camera=found.projector, camera_from_projector=found.transform.inverse())
 

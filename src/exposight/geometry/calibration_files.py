@@ -21,7 +21,12 @@ from exposight.geometry.calibrations import Calibration, ImageKind, recognise_ca
 from exposight.geometry.camera_info import camera_info, camera_infos
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.poses import RigidTransform
-from exposight.geometry.stereo_calibrations import StereoCameras, rectified_if_said, ros_pair
+from exposight.geometry.stereo_calibrations import (
+    StereoCameras,
+    rectified_camera_if_said,
+    rectified_if_said,
+    ros_pair,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,11 +157,10 @@ def read_calibration(
         raise FormatError(msg)
     if found.second is not None:
         return rectified_if_said(found, file, images)
-    if images == "raw" and found.images == "rectified":
-        msg = f"{path}: a projection alone, which is of rectified images; raw ones need K and D"
-        raise FormatError(msg)
-    if images == "rectified" and found.images == "raw":
-        msg = f"{path}: no P, which rectified images need; the file is of raw images only"
+    if found.projector is None:
+        return rectified_camera_if_said(found, file, images)
+    if images == "rectified":
+        msg = f"{path}: camera and projector are of raw images; leave out --rectified"
         raise FormatError(msg)
     return found
 

@@ -107,6 +107,8 @@ def _devices(
             for other in others
             for one, two in (names, names[::-1])
         ]
+        if second is None:  # or one camera alone
+            answers += [f"camera_matrix={name}" for name in names]
         question = f"the names {names[0]} and {names[1]} do not tell which device is which."
         raise ask_which(file, question, "", answers)
     told = dict(zip(roles, names, strict=True))

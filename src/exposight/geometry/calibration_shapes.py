@@ -86,11 +86,17 @@ def camera_matrices(nodes: Mapping[str, Node]) -> dict[str, _Array]:
         ):
             continue
         (derived if words(name) & NOT_OF_IT else found)[name] = matrix
-    return found or derived or _projections(nodes)
+    return found or derived or projections(nodes)
 
 
-def _projections(nodes: Mapping[str, Node]) -> dict[str, _Array]:
-    """Return the camera matrices of 3×4 projections, of rectified images."""
+def derived_matrices(nodes: Mapping[str, Node]) -> list[str]:
+    """Return the names of camera matrices of undistorted images: newcameramtx."""
+    matrices = {name: square(node, 3) for name, node in nodes.items() if words(name) & NOT_OF_IT}
+    return [name for name, each in matrices.items() if each is not None and is_camera_matrix(each)]
+
+
+def projections(nodes: Mapping[str, Node]) -> dict[str, _Array]:
+    """Return the camera matrices of 3×4 projections, which are of rectified images."""
     found: dict[str, _Array] = {}
     for name, node in nodes.items():
         if isinstance(node, np.ndarray) and node.size == 12 and {3, 12} & set(node.shape):

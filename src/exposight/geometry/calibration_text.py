@@ -22,7 +22,7 @@ def parse_text(text: str) -> dict[str, Tree]:
             assert isinstance(inner, dict)
             where = inner
         if name in where:
-            msg = f"'{name}' is there twice"
+            msg = f"'{name}' is there twice; keep one camera's part, or put each under a [heading]"
             raise SyntaxFault(msg)
         where[name] = value
     return tree

@@ -165,8 +165,9 @@ def _yaml_or_text(text: str) -> tuple[Tree, str]:
             raise _yaml_fault(fault) from fault
         try:
             from_text = parse_text(text)
-        except SyntaxFault:
-            raise _yaml_fault(fault) from fault
+        except SyntaxFault as other:
+            of_text = "twice" in str(other) and not isinstance(fault, SyntaxFault)
+            raise (other if of_text else _yaml_fault(fault)) from fault
         if not _has_arrays(from_text):
             raise _yaml_fault(fault) from fault
         return from_text, "text"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from exposight.errors import FormatError, SensorError
 from exposight.files import recognised
+from exposight.geometry import calibration_shapes as shapes
 from exposight.geometry.calibration_conventions import in_opencv_terms
 from exposight.geometry.calibration_keys import CalibrationKeys
 from exposight.geometry.calibration_lenses import (
@@ -136,6 +137,9 @@ def recognise_calibration(
         remarks = [*remarks, "no lens distortion"]
     if "second" in lenses and second is None and keys.second_matrix is None:
         remarks = [*remarks, "with --projector-size W H the second is a projector"]
+    left_out = [name for name in shapes.derived_matrices(file.nodes) if name not in taken]
+    if left_out:
+        remarks = [*remarks, f"{', '.join(left_out)} of undistorted images left out"]
     of_rectified = file.nodes[lenses["camera"].name]
     rectified = isinstance(of_rectified, np.ndarray) and of_rectified.size == 12
     if rectified:

@@ -13,6 +13,8 @@ import numpy as np
 from exposight.contradictions import settle
 from exposight.contradictions.rigs import baseline
 from exposight.errors import FormatError, SensorError
+from exposight.geometry import calibration_shapes as shapes
+from exposight.geometry.calibration_names import told_apart
 from exposight.geometry.calibration_nodes import CalibrationNodes
 from exposight.geometry.calibrations import Calibration, ImageKind
 from exposight.geometry.camera_info import CameraInfo, alike, either_kind
@@ -136,10 +138,11 @@ def rectified_if_said(
         If both are in the file and differ and it was not said which were saved, rectified ones are
         said and are not in it, or their baseline is not T's.
     """
-    names = [
-        next((name for name in file.nodes if name.rpartition(".")[2] == leaf), None)
-        for leaf in ("P1", "P2")
-    ]
+    names: list[str | None] = [*shapes.projections(file.nodes)]
+    if len(names) != 2:
+        names = [None, None]
+    elif told_apart(*filter(None, names)).roles == ("second", "first"):
+        names.reverse()
     if images == "raw":
         return raw
     if names[0] is None or names[1] is None:
@@ -163,6 +166,35 @@ def rectified_if_said(
                 of_raw = " and ".join(nodes)
                 raise FormatError(either_kind(file.path, (of_raw, one), (name, other)))
     return rectified
+
+
+def rectified_camera_if_said(
+    raw: Calibration, file: CalibrationNodes, images: ImageKind | None
+) -> Calibration:
+    """Return one camera as it is of the saved images: raw, or by its projection P.
+
+    Raises
+    ------
+    FormatError
+        If both are in the file and differ and it was not said which were saved, or what was said
+        is not in it.
+    """
+    if raw.images == "rectified":
+        if images == "raw":
+            msg = f"{file.path}: a projection alone, of rectified images; raw ones need K and D"
+            raise FormatError(msg)
+        return raw
+    names = list(shapes.projections(file.nodes))
+    if images == "raw" or (images is None and len(names) != 1):
+        return raw
+    if len(names) != 1:
+        msg = f"{file.path}: no P, which rectified images need; the file is of raw images only"
+        raise FormatError(msg)
+    rectified = _projection(file, names[0], (raw.camera.width, raw.camera.height))
+    if images is None and not alike(raw.camera, rectified):
+        nodes = " and ".join([node for node, what in raw.taken.items() if what == "camera"][:2])
+        raise FormatError(either_kind(file.path, (nodes, raw.camera), (names[0], rectified)))
+    return replace(raw, camera=rectified, images="rectified")
 
 
 def _rectified(raw: Calibration, file: CalibrationNodes, left: str, right: str) -> Calibration:
