@@ -303,3 +303,15 @@ def test_other_files_are_left_out_by_name(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(MissingFileError, match="no image in it"):
         find_recordings(tmp_path / "empty")
+
+
+def test_one_pose_without_a_name_is_that_of_all_views(own, collect):
+    shutil.rmtree(own / "poses")
+    for path in (own / "scans").glob("P0[23]*"):
+        path.unlink()
+    for path in sorted((own / "scans").glob("P01*")):
+        shutil.copy(path, own / "scans" / path.name.replace("P01", "P09"))
+    np.savetxt(own / "poses", VIEWS["01"].to_matrix())
+    status, result = collect(own, robot=False)
+    assert (status, result["captures"], result["views"]) == (0, 8, 2)
+    assert any("one pose for all views" in remark for remark in result["recognised"])

@@ -130,9 +130,9 @@ def collect_command(
         CaptureOptions, Parameter("*", group=Group("Images and clouds", sort_key=3))
     ] = _USUAL,
 ) -> Result:
-    r"""Collect a folder of images and clouds, as a scanner wrote them, into a campaign.
+    r"""Collect a folder of images and clouds into a campaign.
 
-    Each image and its cloud become a capture; view and exposure time are told by their names, by
+    Each image and its cloud, as a scanner wrote them, become a capture; view and exposure time are told by their names, by
     the images' EXIF or by a table. What is in the campaign already is kept, so that the same
     command goes on after an interruption, or with new files. Files that cannot be used are named at
     the end, and the others are taken (exit status 1).

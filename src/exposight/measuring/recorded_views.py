@@ -25,6 +25,8 @@ def match_views(
     InputError
         If views have no pose, or several poses could be a view's.
     """
+    if list(poses) == ["1"]:  # a single pose without a name
+        return dict.fromkeys(views, "1"), ("one pose for all views",) if len(views) > 1 else ()
     found: dict[str, str] = {}
     faults, other_names = [], []
     for view in views:
