@@ -132,10 +132,10 @@ def collect_command(
 ) -> Result:
     r"""Collect a folder of images and clouds into a campaign.
 
-    Each image and its cloud, as a scanner wrote them, become a capture; view and exposure time are told by their names, by
-    the images' EXIF or by a table. What is in the campaign already is kept, so that the same
-    command goes on after an interruption, or with new files. Files that cannot be used are named at
-    the end, and the others are taken (exit status 1).
+    Each image and its cloud, as a scanner wrote them, become a capture; view and exposure time are
+    told by their names, by the images' EXIF or by a table. What is in the campaign already is kept,
+    so that the same command goes on after an interruption, or with new files. Files that cannot be
+    used are named at the end, and the others are taken (exit status 1).
 
     For example:
 
