@@ -137,13 +137,8 @@ def recognise_calibration(
         remarks = [*remarks, "no lens distortion"]
     if "second" in lenses and second is None and keys.second_matrix is None:
         remarks = [*remarks, "with --projector-size W H the second is a projector"]
-    left_out = [name for name in shapes.derived_matrices(file.nodes) if name not in taken]
-    if left_out:
-        remarks = [*remarks, f"{', '.join(left_out)} of undistorted images left out"]
-    of_rectified = file.nodes[lenses["camera"].name]
-    rectified = isinstance(of_rectified, np.ndarray) and of_rectified.size == 12
-    if rectified:
-        remarks = [*remarks, f"{lenses['camera'].name} is of rectified images"]
+    rectified, of_images = _image_kind(file, lenses, taken)
+    remarks = [*remarks, *of_images]
     if remarks or set(taken) != _OWN:
         recognised(file.path, _sentence(taken, "projector" in lenses), *remarks)
     return Calibration(
@@ -155,6 +150,21 @@ def recognise_calibration(
         images="rectified" if rectified else "raw",
         taken=taken,
     )
+
+
+def _image_kind(
+    file: CalibrationNodes, lenses: Mapping[Device, Lens], taken: Mapping[str, str]
+) -> tuple[bool, list[str]]:
+    """Return whether the camera's matrix is a projection, of rectified images, and what to say."""
+    remarks = []
+    left_out = [name for name in shapes.derived_matrices(file.nodes) if name not in taken]
+    if left_out:
+        remarks.append(f"{', '.join(left_out)} of undistorted images left out")
+    node = file.nodes[lenses["camera"].name]
+    rectified = isinstance(node, np.ndarray) and node.size == 12
+    if rectified:
+        remarks.append(f"{lenses['camera'].name} is of rectified images")
+    return rectified, remarks
 
 
 def _spelled(device: Device, lenses: Mapping[Device, Lens]) -> str:
