@@ -339,25 +339,29 @@ class _Search:
         mesh, edges = self.mended, self.mended.edges
         reach = max(shape.width_mm, 5.0)
         least, most = (math.sin(math.radians(a)) for a in (_OFF_WALL_DEG, 90 - _BREAK_DEG))
-        centre = np.array([*shape.centre_mm, 0.0])
-        front = [int(f) for f in np.unique(edges.sides[border]) if f >= 0 and self.local[f] < 0]
-        seen, tilted = set(front), []
-        while front:
-            face = front.pop()
-            normal = axes @ mesh.normals[face]
-            corners = mesh.mesh.vertices[mesh.mesh.faces[face]] @ axes.T
-            away = corners.mean(axis=0) - centre
-            if not least < sign * normal[2] < most or normal[:2] @ away[:2] >= 0:
-                continue
-            if shape.beyond_mm(corners[:, :2]).max() > reach:
-                return 0.0, level  # a slanting surface, not an edge's
+        centre, steep = np.array([*shape.centre_mm, 0.0]), False
+        front = np.unique(edges.sides[border])
+        front = front[front >= 0]
+        front = front[self.local[front] < 0]
+        seen, tilted = [front], []
+        self.local[front] = 2
+        while len(front) and not steep:
+            normals = mesh.normals[front] @ axes.T
+            corners = mesh.mesh.vertices[mesh.mesh.faces[front]] @ axes.T
+            away = corners.mean(axis=1) - centre
+            rising, inward = sign * normals[:, 2], (normals * away)[:, :2].sum(axis=1) < 0
+            own = (rising > least) & (rising < most) & inward
+            front, corners = front[own], corners[own].reshape(-1, 3)
+            # A slanting surface is not an edge's: it goes on.
+            steep = len(front) > 0 and shape.beyond_mm(corners[:, :2]).max() > reach
             tilted.append(corners)
-            for edge in edges.of_faces[face]:
-                for other in edges.sides[edge]:
-                    if other >= 0 and self.local[other] < 0 and other not in seen:
-                        seen.add(int(other))
-                        front.append(int(other))
-        if not tilted:
+            beside = np.unique(edges.sides[edges.of_faces[front]])
+            beside = beside[beside >= 0]
+            front = beside[self.local[beside] < 0]
+            self.local[front] = 2
+            seen.append(front)
+        self.local[np.concatenate(seen)] = -1
+        if steep or not any(map(len, tilted)):
             return 0.0, level
         points = np.concatenate(tilted)
         rise = sign * (points[:, 2] - level)
