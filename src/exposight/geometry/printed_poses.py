@@ -287,7 +287,8 @@ def _fanuc_program(text: str, source: str | Path) -> list[WrittenPose]:
             left.append(f"P[{number}]")
             continue
         frames.add(tool.groups() if tool else ())
-        found.append(_fanuc_pose(numbers, f"P[{number}]", "Fanuc program"))
+        frame = f" in UF {tool[1]} of UT {tool[2]}" if tool else ""
+        found.append(_fanuc_pose(numbers, f"P[{number}]", f"Fanuc position{frame}"))
     if blocks and not found:
         msg = (
             f"{source}: no position has X, Y, Z, W, P and R (joint angles, or not recorded): "
