@@ -114,6 +114,13 @@ def test_a_size_that_may_be_either_is_asked(tmp_path, header):
         assert read_features(tmp_path / "list.csv")[0].radius_mm == 12.5
 
 
+def test_a_size_beside_a_radius_is_not_read(tmp_path):
+    text = listed("name,x_mm,y_mm,z_mm,nx,ny,nz,size,radius_mm", "{n},{x},{y},{z},0,0,1,99,{r}")
+    with collected_remarks() as remarks:
+        np.testing.assert_allclose(facts(read(tmp_path, text)), TRUTH)
+    assert "not read: size" in "".join(remarks)
+
+
 def test_a_radius_that_is_not_half_the_diameter_is_refused(tmp_path):
     header = "name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm,diameter_mm"
     with pytest.raises(FeatureError, match=r"'H1': the radius .* is not half the diameter"):

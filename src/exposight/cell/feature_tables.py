@@ -161,6 +161,8 @@ def _recognised(table: TextTable, path: Path, reading: Reading) -> _Columns:
             msg = f"{error}; {_NO_NORMALS}"
             raise FormatError(msg) from error
         raise
+    if {"radius_mm", "diameter_mm"} & matched.keys():
+        matched.pop("size_mm", None)  # which of them it is does not matter
     unitless = [m.header for m in matched.values() if m.remark.endswith("has no unit")]
     remarks += [m.remark for m in matched.values() if m.remark and m.header not in unitless]
     if unitless:
