@@ -49,10 +49,10 @@ def observe_single(options, folder):
 
 
 def test_a_table_with_another_unit(observations, tmp_path, failing):
-    path = tmp_path / "metres.csv"
-    path.write_text(observations.read_text(encoding="utf-8").replace("x_mm", "x_m", 1), "utf-8")
+    path = tmp_path / "seconds.csv"
+    path.write_text(observations.read_text(encoding="utf-8").replace("x_mm", "x_s", 1), "utf-8")
     message = failing("train", path, "-o", tmp_path)
-    assert "column x_m is in m: convert to mm and name it x_mm" in message
+    assert "'x_s' has the unit 's', expected x_mm" in message
 
 
 def test_a_table_with_another_header(tmp_path, failing):

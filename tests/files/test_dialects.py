@@ -229,6 +229,12 @@ def test_all_faults_of_columns_are_named_at_once() -> None:
         match_columns(("x", "X_mm", "exposre_ms"), WANTED, "table.csv")
 
 
+@pytest.mark.parametrize("header", ["x [kg]", "x_s", "X / °"])
+def test_a_unit_of_another_quantity_is_named(header: str) -> None:
+    with pytest.raises(FormatError, match=r"has the unit .*, expected x_mm or another of mm, cm"):
+        match_columns((header, "y"), WANTED, "table.csv")
+
+
 def test_a_unit_that_others_have_is_asked() -> None:
     with pytest.raises(AmbiguousError):
         match_columns(("x [m]", "y"), WANTED, "table.csv")

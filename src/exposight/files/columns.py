@@ -181,6 +181,7 @@ def match_columns(
         match = _match(name, by_stem)
         if match is None:
             unknown.append(name)
+            faults += _foreign(name, by_stem)
             continue
         column, unit = match
         found.setdefault(column.name, []).append((place, unit))
@@ -235,8 +236,9 @@ def _match(
         column = known.get((plain_name(stem), None)) or known.get((plain_name(stem), "unit"))
         if column is not None and unit in UNITS.get(column.quantity, {}):
             return column, unit
+    whole = [] if name.rstrip().endswith(("°", "%")) else [name]
     for stem in (
-        name,
+        *whole,
         *(stem for stem, unit in stems_and_units(name) if unit == "" or is_bracketed(name)),
     ):
         column = known.get((plain_name(stem), None))
@@ -248,6 +250,17 @@ def _match(
                 continue  # a unit that the quantity does not have
             return column, None
     return None
+
+
+def _foreign(name: str, known: Mapping[tuple[str, str | None], Wanted]) -> list[str]:
+    """Return what is wrong with a name that is a wanted one with another quantity's unit."""
+    for stem, unit in stems_and_units(name):
+        column = known.get((plain_name(stem), None))
+        strange = is_bracketed(name) or any(unit in units for units in UNITS.values())
+        if column is not None and column.quantity in UNITS and strange:
+            units = ", ".join(dict.fromkeys(own for own, _ in UNITS[column.quantity].values()))
+            return [f"{name!r} has the unit {unit!r}, expected {column.name} or another of {units}"]
+    return []
 
 
 def _unfound(

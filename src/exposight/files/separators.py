@@ -147,7 +147,8 @@ def _columns(rows: Sequence[Sequence[str]], heads: Sequence[str] | None) -> tupl
     if ragged:
         # Separators at the ends of some lines only.
         most = max((k + 1 for row in rows for k, cell in enumerate(row) if cell), default=1)
-        if not _ragged(rows, most):
+        named = most if heads is None else sum(map(bool, heads))
+        if most == named and not _ragged(rows, most):
             return most, 0
     return columns, ragged
 
