@@ -70,6 +70,13 @@ PRINTED = {
     "trajectory": "# timestamp tx ty tz qx qy qz qw\n1305031102.1758 "
     + " ".join(f"{n:.9f}" for n in [*M_PER_S, *np.roll(Q, -1)]),
     "named": json.dumps({"x_mm": X, "y_mm": Y, "z_mm": Z, "a": A, "b": B, "c": C}),
+    "TF": "transforms:\n- child_frame_id: part\n  transform:\n"
+    f"    translation: {{x: {M_PER_S[0]}, y: {M_PER_S[1]}, z: {M_PER_S[2]}}}\n"
+    f"    rotation: {{x: {Q[1]}, y: {Q[2]}, z: {Q[3]}, w: {Q[0]}}}\n",
+    "keys and values": f"x_mm={X}, y_mm={Y}, z_mm={Z}, w=10.0, p=-20.0, r=30.0",
+    "OpenCV hand-eye": "%YAML:1.0\n---\nR_cam2gripper: !!opencv-matrix\n   rows: 3\n   cols: 3\n"
+    f"   dt: d\n   data: {M[:3, :3].ravel().tolist()}\nt_cam2gripper: !!opencv-matrix\n   rows: 3\n"
+    f"   cols: 1\n   dt: d\n   data: {M[:3, 3].tolist()}\n",
     "OpenCV": "%YAML:1.0\n---\nT: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: "
     + str(M.ravel().tolist()),
 }
@@ -95,6 +102,7 @@ def test_and_from_a_file(tmp_path, form):
     [
         ("1,2,3,4,5,6", "which robot"),
         ("[1, 2, 3, 4, 5, 6]", "which robot"),
+        ('{"pose": [1, 2, 3, 4, 5, 6]}', "which robot"),
         (f"12.5 -3 600 {QUATERNION}", "--read-as quaternion=wxyz"),
         (f"[[12.5,-3,600],[{QUATERNION}]]", "--read-as quaternion=wxyz"),
         ("0.1 0.2 0.5 10 20 30 0", "HALCON"),

@@ -1,5 +1,6 @@
 """Poses in JSON and YAML: Zivid's matrices, ROS messages, OpenCV's, and named numbers."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from exposight.geometry.pose_units import UNIT_MM
 from exposight.geometry.poses import RigidTransform
 from exposight.geometry.printed_poses import WrittenPose, printed_poses
 
-_POSITIONS = ("position", "translation", "trans", "t", "xyz", "location", "origin")
+_POSITIONS = ("position", "translation", "trans", "t", "tvec", "xyz", "location", "origin")
 _ORIENTATIONS = ("orientation", "rotation", "quaternion", "quat", "q", "rot", "r")
 _ROTATION_MATRICES = ("rotation_matrix", "rotationmatrix", "rmat", "rotation", "r", "rot")
 _VECTORS = ("rotation_vector", "rotvec", "rvec", "axis_angle", "rotationvector")
@@ -149,6 +150,7 @@ def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> Wr
     flat = named_numbers_pose(_plain_numbers(table), place, unit=unit)
     if flat is not None:
         return flat
+    table = {_OPENCV_NAMES.sub(r"\1", key): value for key, value in table.items()}
     position_key = next((key for key in _with_units(_POSITIONS) if key in table), None)
     if position_key is None:
         return None
@@ -184,6 +186,10 @@ def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> Wr
     return None
 
 
+_OPENCV_NAMES = re.compile(r"^(r|t|rvec|tvec)_[a-z]+2[a-z]+$")
+"""R_cam2gripper and t_cam2gripper of ``calibrateHandEye``."""
+
+
 def _with_units(keys: Sequence[str]) -> list[str]:
     return [*keys, *(f"{key}_{unit}" for key in keys for unit in ("mm", "m"))]
 
@@ -192,8 +198,16 @@ def _vector(value: object, letters: Sequence[str]) -> tuple[list[float] | None, 
     """Return numbers of a list or by their letters, and whether they have letters."""
     if isinstance(value, Mapping):
         table = {str(key).lower(): each for key, each in value.items()}
+        if {"rows", "cols", "data"} <= table.keys():
+            value = table["data"]
+            numbers = _numbers(value)
+            return (numbers if numbers is not None and len(numbers) == 3 else None), False
         numbers = _numbers([table.get(letter) for letter in letters])
         return numbers, True
+    if isinstance(value, list | tuple) and all(
+        isinstance(each, list | tuple) and len(each) == 1 for each in value
+    ):
+        value = [each[0] for each in value]  # a column
     numbers = _numbers(value)
     return (numbers if numbers is not None and len(numbers) in {3, 4} else None), False
 
@@ -356,17 +370,12 @@ def _suffix(key: str) -> str:
     return ""
 
 
-def check_any(found: Sequence[WrittenPose], source: str | Path) -> None:
-    """Refuse a document in which there is no pose.
-
-    Raises
-    ------
-    PoseError
-        If there is none.
-    """
-    if not found:
-        msg = (
-            f"{source}: no pose in it; expected a 4×4 matrix, position and orientation with their "
-            "names, or a robot's frames"
-        )
-        raise PoseError(msg)
+def loose_numbers(data: object) -> list[tuple[str, list[float]]]:
+    """Return the lists of six or seven numbers in a document, with their names."""
+    found: list[tuple[str, list[float]]] = []
+    inner = data.items() if isinstance(data, Mapping) else ()
+    for key, value in inner:
+        numbers = _numbers(value)
+        if numbers is not None and len(numbers) in {6, 7}:
+            found.append((str(key), numbers))
+    return found

@@ -9,9 +9,13 @@ import yaml
 
 from exposight.errors import InputError, PoseError
 from exposight.files import recognised
-from exposight.geometry.pose_documents import document_poses
+from exposight.geometry.pose_documents import (
+    document_poses,
+    loose_numbers,
+    named_numbers_pose,
+)
 from exposight.geometry.pose_matrices import plain_poses
-from exposight.geometry.pose_numbers import number_rows
+from exposight.geometry.pose_numbers import NUMBER, number_rows, numbers_of
 from exposight.geometry.poses import RigidTransform
 from exposight.geometry.printed_poses import WrittenPose, printed_poses
 from exposight.geometry.written_poses import poses_of_notation
@@ -63,17 +67,22 @@ def poses_in_text(text: str, source: str | Path, notation: str | None = None) ->
     stripped = text.lstrip()
     if stripped[0] in "{[":
         try:
-            found = document_poses(json.loads(text), source)
+            document = json.loads(text)
+            found = document_poses(document, source)
         except (json.JSONDecodeError, RecursionError):
-            found = []
+            document, found = None, []
         if found:
             return found
+        if loose := loose_numbers(document):
+            return plain_poses(loose, source)
     found = printed_poses(text, source)
     if found:
         return found
     found = _of_yaml(text, source)
     if found:
         return found
+    if pose := _key_values(text, source):
+        return [pose]
     ways = number_rows(text)
     faults: list[InputError] = []
     for rows in ways:
@@ -88,6 +97,20 @@ def poses_in_text(text: str, source: str | Path, notation: str | None = None) ->
         "robots, ROS, HALCON or Zivid write; got something else"
     )
     raise PoseError(msg)
+
+
+_KEY_VALUE = re.compile(
+    rf"(?<![\w.])([A-Za-z]\w*(?:\s*[\[(](?:mm|m|deg|rad|°)[\])])?)\s*[:=]\s*({NUMBER})"
+)
+
+
+def _key_values(text: str, source: str | Path) -> WrittenPose | None:
+    """Return the pose of a text such as ``x_mm=12.5, y_mm=-3, …``."""
+    pairs = _KEY_VALUE.findall(text)
+    if len({key for key, _ in pairs}) < len(pairs):
+        return None
+    numbers = numbers_of([word for _, word in pairs], source)
+    return named_numbers_pose(dict(zip((key for key, _ in pairs), numbers, strict=True)), source)
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML carries no types

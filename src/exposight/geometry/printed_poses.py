@@ -138,9 +138,15 @@ def _halcon(text: str, source: str | Path) -> list[WrittenPose]:
 _FIELD = re.compile(rf"(?<![\w.])([A-Z]\w*)(?:\s*[:=]\s*|\s+)({NUMBER})", re.IGNORECASE)
 
 
-def _fields(body: str, keys: str, source: str | Path) -> list[float] | None:
+_KRL_FIELD = re.compile(rf"(?<![\w.])([A-Z]\w*)\s+({NUMBER})", re.IGNORECASE)
+"""KRL has neither colons nor equals signs in frames, as YAML and JSON have."""
+
+
+def _fields(
+    body: str, keys: str, source: str | Path, field: "re.Pattern[str]" = _FIELD
+) -> list[float] | None:
     """Return the numbers of some keys in a text; None where one is not there."""
-    found = {key.upper(): word for key, word in reversed(_FIELD.findall(body))}
+    found = {key.upper(): word for key, word in reversed(field.findall(body))}
     if not all(key in found for key in keys):
         return None
     return numbers_of([found[key] for key in keys], source)
@@ -151,12 +157,12 @@ def _kuka(text: str, source: str | Path) -> list[WrittenPose]:
     found, partial, joints = [], 0, 0
     for match in re.finditer(r"\{([^{}]*)\}", text):
         body = re.sub(r"^\s*\w+\s*:", "", match.group(1))
-        keys = {key.upper() for key, _ in _FIELD.findall(body)}
+        keys = {key.upper() for key, _ in _KRL_FIELD.findall(body)}
         joints += {"A1", "A2", "A3"} <= keys
         if not keys & {"X", "Y", "Z"} or '"' in body:
             continue
         line = text[text.rfind("\n", 0, match.start()) + 1 : match.start()]
-        numbers = _fields(body, "XYZABC", source)
+        numbers = _fields(body, "XYZABC", source, _KRL_FIELD)
         if numbers is None or re.search(r"_REL\s*$", line, re.IGNORECASE):
             partial += 1
             continue
