@@ -98,7 +98,7 @@ def _try(case: str, attempt: Attempt) -> Verdict:
         status = main([*shlex.split(attempt.call), "--json"])
     document = json.loads(out.getvalue())
     if status:
-        said = str(document["error"]["message"])
+        said = str(document["error"]["message"] if "error" in document else document)
         named = bool(attempt.names) and re.search(attempt.names, said) is not None
         outcome = "named" if named else "refused without its cause"
     else:
