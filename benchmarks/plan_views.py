@@ -18,7 +18,7 @@ from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from benchmarks.models_campaigns import COMET, SEEDS, observed
 from benchmarks.plan_campaigns import FEATURES, TIMES_MS, training_table
 from exposight.cell import Part
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.models import P_NORM_MIN, train_window
 from exposight.observing import ObservationTable
 from exposight.planning import CaptureCosts, ExposureLimits

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from exposight.cell import RULES, Feature, read_features, write_features
-from exposight.cell.feature_files import features_from_csv, features_to_csv
+from exposight.cell.feature_lists.feature_files import features_from_csv, features_to_csv
 from exposight.errors import FeatureError, FormatError, MissingFileError
 from exposight.geometry import RigidTransform
 

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exposight.cell import RULES, read_features
-from exposight.cell.feature_files import features_to_csv
-from exposight.cell.feature_words import kind_of
+from exposight.cell.feature_lists.feature_files import features_to_csv
+from exposight.cell.feature_lists.feature_words import kind_of
 from exposight.errors import AmbiguousError, FeatureError, FormatError
 from exposight.files import Reading, collected_remarks, reading_as
 

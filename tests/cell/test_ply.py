@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from exposight.cell.ply import ply_from_points, points_from_ply
+from exposight.cell.cloud_formats.ply import ply_from_points, points_from_ply
 from exposight.errors import DamagedFileError, FormatError
 from exposight.files import collected_remarks
 

@@ -5,7 +5,8 @@ import pytest
 
 from exposight.cell import read_cloud
 from exposight.errors import AmbiguousError, CloudError, FormatError
-from exposight.files import Reading, collected_remarks, reading_as, text_samples
+from exposight.files import Reading, collected_remarks, reading_as
+from exposight.files.text_tables import text_samples
 
 POINTS = np.array([[1.5, -2.25, 500.125], [3.0, 4.5, 501.0], [0.25, 6.75, 499.5]])
 NAN = [np.nan] * 3

@@ -11,7 +11,7 @@ from tests.geometry.drilled_plates import BLIND, CELL, HOLE, PIN, THICK, Cell, p
 from exposight.cell import read_features, write_features
 from exposight.cli import main
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes import read_mesh
+from exposight.geometry.meshes.triangle_meshes import read_mesh
 from exposight.plans import read_plan
 from exposight.twin import SimulatedCell
 from exposight.twin.part import read_scene

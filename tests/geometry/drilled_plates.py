@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 
 CELL = 40.0
 THICK = 10.0

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from tests.geometry.drilled_plates import BLIND, CELL, HOLE, PIN, THICK, Cell, plate
 
 from exposight.errors import FormatError
-from exposight.geometry.mesh_holes import find_holes
-from exposight.geometry.mesh_mending import mend_mesh
-from exposight.geometry.meshes import Mesh
-from exposight.geometry.rim_shapes import fit_rim
+from exposight.geometry.meshes.mesh_holes import find_holes
+from exposight.geometry.meshes.mesh_mending import mend_mesh
+from exposight.geometry.meshes.rim_shapes import fit_rim
+from exposight.geometry.meshes.triangle_meshes import Mesh
 
 EXACT = 1e-5  # mm: vertices are welded on a grid of 1e-7 of the part
 

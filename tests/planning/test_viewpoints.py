@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from exposight.cell import Feature, Part, sensor_preset
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import HollowCylinder, RigidTransform
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.observing import View
 from exposight.planning.viewing.ring_visibility import (
     RingVisibility,

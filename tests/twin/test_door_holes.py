@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exposight.geometry.mesh_holes import find_holes
-from exposight.geometry.mesh_mending import mend_mesh
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.mesh_holes import find_holes
+from exposight.geometry.meshes.mesh_mending import mend_mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.twin.part import DOOR, DOOR_MESH, mesh_sheet
 from exposight.twin.part.car_door import door_part
 

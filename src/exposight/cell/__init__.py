@@ -9,15 +9,20 @@ from exposight.cell.campaign import (
 )
 from exposight.cell.capture import Capture, CaptureKey
 from exposight.cell.cloud import Cloud
-from exposight.cell.cloud_files import CLOUD_SUFFIXES, LENGTH_UNITS_MM, read_cloud, write_cloud
-from exposight.cell.depth_images import (
+from exposight.cell.cloud_formats.cloud_files import (
+    CLOUD_SUFFIXES,
+    LENGTH_UNITS_MM,
+    read_cloud,
+    write_cloud,
+)
+from exposight.cell.cloud_formats.depth_images import (
     cloud_from_depth,
     is_depth_image,
     read_depth,
     read_depth_cloud,
 )
 from exposight.cell.driver import Driver
-from exposight.cell.feature_files import read_features, write_features
+from exposight.cell.feature_lists.feature_files import read_features, write_features
 from exposight.cell.image import (
     GREY_MAX,
     BitDepth,

@@ -27,7 +27,7 @@ from exposight.cell.capture import (
     read_description,
     write_capture,
 )
-from exposight.cell.feature_files import features_from_csv, features_to_csv
+from exposight.cell.feature_lists.feature_files import features_from_csv, features_to_csv
 from exposight.cell.part import Part
 from exposight.cell.sensor import ActiveSensor
 from exposight.errors import FileError, FormatError, InputError, MissingFileError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exposight.cell.part import Feature, Part
 from exposight.compiled import njit
 from exposight.errors import FeatureError
-from exposight.geometry.meshes import MESH_UNITS_MM
+from exposight.geometry.meshes.triangle_meshes import MESH_UNITS_MM
 
 
 def check_placement(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image as PillowImage
 
-from exposight.cell.cloud_files import READ_SUFFIXES
+from exposight.cell.cloud_formats.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import is_image
 from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError
 from exposight.files import ambiguous, current_reading

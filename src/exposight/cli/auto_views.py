@@ -14,7 +14,7 @@ from exposight.cli.app import UsageError
 from exposight.cli.candidate_views import CandidateViews
 from exposight.cli.measure import plan_from
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes import read_mesh, unit_of
+from exposight.geometry.meshes.triangle_meshes import read_mesh, unit_of
 from exposight.planning.viewing.sensor_poses import ReachBox
 from exposight.planning.viewing.viewpoints import CandidateViewpoints, candidate_views
 from exposight.workers import Progress, ignore_progress

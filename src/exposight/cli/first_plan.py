@@ -7,7 +7,7 @@ from cyclopts import Group, Parameter
 from cyclopts.types import PositiveInt
 
 from exposight.cell import ActiveSensor, Part
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.planning.viewing.viewpoints import candidate_views
 from exposight.plans import MeasuringPlan, PoseList
 from exposight.plans.positions import logarithmic_exposures

@@ -11,7 +11,7 @@ import numpy as np
 
 from exposight import cell
 from exposight.cell import PRESETS, CampaignFolder
-from exposight.cell.cloud_files import READ_SUFFIXES
+from exposight.cell.cloud_formats.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import decoded_image
 from exposight.cli.measure import plan_from, plan_summary
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
@@ -21,8 +21,8 @@ from exposight.cli.terminal import progress_bars
 from exposight.errors import AmbiguousError, FormatError, MissingFileError, did_you_mean
 from exposight.files import read_bytes
 from exposight.geometry import read_calibration, read_calibration_nodes
-from exposight.geometry.camera_info import camera_info, camera_infos
-from exposight.geometry.meshes import MESH_SUFFIXES
+from exposight.geometry.calibrations.camera_info import camera_info, camera_infos
+from exposight.geometry.meshes.triangle_meshes import MESH_SUFFIXES
 from exposight.imaging import SEQUENCE_PRESETS, read_map, read_sequence
 from exposight.measuring import read_state, recorded_driver
 from exposight.models import (

@@ -11,18 +11,18 @@ from cyclopts.validators import Number
 from numpy.typing import NDArray
 
 from exposight.cell import Feature, Part, read_features, sensor_named_or_read
-from exposight.cell.feature_matching import match_features
-from exposight.cell.found_features import FoundFeature, Side, features_of, on_one_side
+from exposight.cell.feature_lists.feature_matching import match_features
+from exposight.cell.feature_lists.found_features import FoundFeature, Side, features_of, on_one_side
 from exposight.cli.app import UsageError
 from exposight.cli.first_plan import FirstPlanOptions, first_plan
 from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FeatureError
-from exposight.geometry.mesh_holes import FoundHoles, Opening, find_holes
-from exposight.geometry.mesh_mending import mend_mesh
-from exposight.geometry.meshes import Mesh
-from exposight.geometry.part_meshes import read_part_mesh
+from exposight.geometry.meshes.mesh_holes import FoundHoles, Opening, find_holes
+from exposight.geometry.meshes.mesh_mending import mend_mesh
+from exposight.geometry.meshes.part_meshes import read_part_mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.plans import MeasuringPlan, write_plan
 from exposight.tables import Column, Table, counted
 from exposight.twin.part import FEATURES_FILE, Scene, check_scene, export_scene, exported_files

@@ -1,14 +1,5 @@
 """Files that are whole or absent: durable writing, locks, documents, headers, kept pieces."""
 
-from exposight.files.columns import (
-    Matched,
-    Wanted,
-    check_columns,
-    match_columns,
-    remarks_on,
-    unit_hint,
-)
-from exposight.files.dialects import TextTable, parse_table, read_table
 from exposight.files.documents import (
     Checksum,
     DocumentFormat,
@@ -41,3 +32,12 @@ from exposight.files.reading import (
     reading_as,
     recognised,
 )
+from exposight.files.text_tables.columns import (
+    Matched,
+    Wanted,
+    check_columns,
+    match_columns,
+    remarks_on,
+    unit_hint,
+)
+from exposight.files.text_tables.dialects import TextTable, parse_table, read_table

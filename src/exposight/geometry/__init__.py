@@ -1,16 +1,21 @@
 """Pure geometry: rigid transforms, pinhole cameras, hollow cylinders. No sensor in it."""
 
-from exposight.geometry.calibration_files import (
+from exposight.geometry.calibrations.calibration import Calibration, ImageKind
+from exposight.geometry.calibrations.calibration_files import (
     ProjectorCamera,
     projector_camera,
     read_calibration,
     read_projector_camera,
     read_stereo_cameras,
 )
-from exposight.geometry.calibration_keys import CalibrationKeys
-from exposight.geometry.calibration_nodes import CalibrationNodes, read_calibration_nodes
-from exposight.geometry.calibrations import Calibration, ImageKind
-from exposight.geometry.camera_info import read_camera_info, read_ros_camera_info
+from exposight.geometry.calibrations.calibration_keys import CalibrationKeys
+from exposight.geometry.calibrations.calibration_nodes import (
+    CalibrationNodes,
+    read_calibration_nodes,
+)
+from exposight.geometry.calibrations.camera_info import read_camera_info, read_ros_camera_info
+from exposight.geometry.calibrations.stereo_calibrations import StereoCameras
+from exposight.geometry.calibrations.uncalibrated import uncalibrated_camera
 from exposight.geometry.cameras import PinholeCamera
 from exposight.geometry.cylinders import (
     HollowCylinder,
@@ -22,17 +27,19 @@ from exposight.geometry.cylinders import (
     pixel_boxes,
     ring_pixels,
 )
-from exposight.geometry.hand_eye import camera_from_held_part, camera_from_part_of, other_chains
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
-from exposight.geometry.pose_files import read_named_poses, read_pose
-from exposight.geometry.pose_matrices import check_length_unit
-from exposight.geometry.pose_readings import other_poses
-from exposight.geometry.pose_tables import is_pose_header, poses_of_table
-from exposight.geometry.pose_texts import parse_pose
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
-from exposight.geometry.stereo_calibrations import StereoCameras
-from exposight.geometry.uncalibrated import uncalibrated_camera
-from exposight.geometry.written_poses import (
+from exposight.geometry.robot_poses.hand_eye import (
+    camera_from_held_part,
+    camera_from_part_of,
+    other_chains,
+)
+from exposight.geometry.robot_poses.pose_files import read_named_poses, read_pose
+from exposight.geometry.robot_poses.pose_matrices import check_length_unit
+from exposight.geometry.robot_poses.pose_readings import other_poses
+from exposight.geometry.robot_poses.pose_tables import is_pose_header, poses_of_table
+from exposight.geometry.robot_poses.pose_texts import parse_pose
+from exposight.geometry.robot_poses.written_poses import (
     PoseNotation,
     pose_columns,
     pose_from_numbers,

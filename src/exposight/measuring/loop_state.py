@@ -15,7 +15,7 @@ from pathlib import Path
 
 from exposight.cell import ActiveSensor, CampaignFolder, Part
 from exposight.cell.capture import read_capture
-from exposight.cell.feature_files import features_from_csv, features_to_csv
+from exposight.cell.feature_lists.feature_files import features_from_csv, features_to_csv
 from exposight.contradictions import Contradiction
 from exposight.errors import FileError, InputError, SensorError, did_you_mean
 from exposight.files import (

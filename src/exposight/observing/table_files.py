@@ -26,7 +26,7 @@ from exposight.files import (
     recognised,
     remarks_on,
 )
-from exposight.files.column_units import Quantity
+from exposight.files.text_tables.column_units import Quantity
 from exposight.observing.schema import REQUIRED, SCHEMA
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv")

@@ -12,7 +12,7 @@ from exposight.cell import Feature, Part
 from exposight.cell.placement import _squared_distance
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes import MESH_UNITS_MM
+from exposight.geometry.meshes.triangle_meshes import MESH_UNITS_MM
 from exposight.twin.part import Scene, Zone, check_scene
 
 

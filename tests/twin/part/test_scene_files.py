@@ -26,7 +26,7 @@ from exposight.errors import (
     VersionError,
 )
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes import read_mesh
+from exposight.geometry.meshes.triangle_meshes import read_mesh
 from exposight.twin.light import SceneTracer
 from exposight.twin.part import (
     FEATURES_FILE,

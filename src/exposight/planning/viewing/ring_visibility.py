@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from exposight.cell import ActiveSensor, Part
 from exposight.errors import InputError
 from exposight.geometry import HollowCylinder, PinholeCamera, RigidTransform
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.geometry.ray_casting import RayCaster
 
 FloatArray: TypeAlias = NDArray[np.float64]

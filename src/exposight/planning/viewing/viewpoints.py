@@ -20,7 +20,7 @@ from exposight.cell import ActiveSensor, Part
 from exposight.cell.placement import check_placement
 from exposight.errors import FeatureError, InputError
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh
 from exposight.observing import View
 from exposight.planning.viewing.ring_visibility import RingVisibility, Sight, ViewingLimits
 from exposight.planning.viewing.sensor_poses import ReachBox, sample_poses

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.cell import Part
 from exposight.cell.placement import check_placement, faces_under
-from exposight.geometry.meshes import mesh_fault
+from exposight.geometry.meshes.triangle_meshes import mesh_fault
 from exposight.twin.part.corner_normals import CREASE_DEG, corner_normals
 from exposight.twin.part.finishes import Finishes, Zone, finish_at, zone_table
 from exposight.twin.part.surfaces import SURFACES, Surface

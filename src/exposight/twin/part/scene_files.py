@@ -21,7 +21,7 @@ from exposight.cell import (
 )
 from exposight.errors import FormatError, InputError, MissingFileError
 from exposight.files import DocumentFormat, make_folder, read_text, write_durably
-from exposight.geometry.meshes import (
+from exposight.geometry.meshes.triangle_meshes import (
     MESH_SUFFIXES,
     join_meshes,
     mesh_to_ply,

@@ -1,0 +1,1 @@
+"""Point clouds in files: each format, and what a file is by its content."""

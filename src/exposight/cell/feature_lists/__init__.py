@@ -1,0 +1,1 @@
+"""A part's list of features in files: tables, DMIS, QIF; found in a mesh and matched."""

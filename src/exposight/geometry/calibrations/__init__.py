@@ -1,0 +1,1 @@
+"""Calibrations as programs write them: nodes of a file, recognised by shape and name."""

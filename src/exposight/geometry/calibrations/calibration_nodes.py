@@ -1,0 +1,173 @@
+"""Nodes of a calibration file: arrays, numbers and text by their dotted names."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exposight.errors import FormatError, MissingFileError, did_you_mean
+from exposight.geometry.calibrations.calibration_trees import parse_tree
+from exposight.geometry.calibrations.calibration_values import (
+    LARGEST_BYTES,
+    SyntaxFault,
+    Tree,
+    as_numbers,
+)
+
+Node: TypeAlias = NDArray[np.float64] | float | str
+
+_MOST_SHOWN = 24
+"""Nodes of a file that a message lists."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationNodes:
+    """What a calibration file holds: arrays of float64, numbers, text.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    nodes : mapping of str to ndarray, float or str
+        By name; maps within maps become ``outer.inner``, entries of lists ``outer.0``.
+    syntax : str
+        OpenCV XML, JSON, YAML, text, NumPy or MATLAB.
+    """
+
+    path: Path
+    nodes: Mapping[str, Node]
+    syntax: str = ""
+
+    def matrix(self, key: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+        """Return a node as an array.
+
+        Parameters
+        ----------
+        key : str
+            The node's name.
+        shape : tuple of int, optional
+            The shape it must have; lists of as many numbers are taken row by row.
+
+        Raises
+        ------
+        FormatError
+            If the node is missing, is not numbers, or has another shape.
+        """
+        node = self.node(key)
+        if isinstance(node, str):
+            msg = f"{self.path}: node '{key}' must be numbers, got the text {node!r}"
+            raise FormatError(msg)
+        array = np.asarray(node, dtype=np.float64)
+        if shape is None or array.shape == shape:
+            return array
+        if array.size == int(np.prod(shape)) and max(array.shape, default=1) == array.size:
+            return array.reshape(shape)
+        expected = "×".join(map(str, shape))
+        msg = (
+            f"{self.path}: node '{key}' must be {expected} or {int(np.prod(shape))} numbers, got "
+            f"shape {array.shape}"
+        )
+        raise FormatError(msg)
+
+    def whole_numbers(self, key: str, count: int) -> list[int]:
+        """Return a node that is so many integers; errors as for `matrix`."""
+        numbers = self.matrix(key).reshape(-1).tolist()
+        if len(numbers) != count:
+            expected = "one number" if count == 1 else f"{count} numbers"
+            msg = f"{self.path}: node '{key}' must be {expected}, got {len(numbers)}"
+            raise FormatError(msg)
+        for number in numbers:
+            if not number.is_integer():
+                msg = f"{self.path}: node '{key}' must be whole, got {number}"
+                raise FormatError(msg)
+        return [int(number) for number in numbers]
+
+    def node(self, key: str) -> Node:
+        """Return a node.
+
+        Raises
+        ------
+        FormatError
+            If there is none of this name.
+        """
+        if key not in self.nodes:
+            msg = f"{self.path}: no node '{key}'{did_you_mean(key, self.nodes)}; {self.listed()}"
+            raise FormatError(msg)
+        return self.nodes[key]
+
+    def listed(self) -> str:
+        """Return the nodes with their shapes, for messages."""
+        names = [
+            f"{name} ({'×'.join(map(str, node.shape))})" if isinstance(node, np.ndarray) else name
+            for name, node in self.nodes.items()
+        ]
+        more = f", … {len(names) - _MOST_SHOWN} more" if len(names) > _MOST_SHOWN else ""
+        return f"the file has {', '.join(names[:_MOST_SHOWN])}{more}"
+
+    def under(self, group: str) -> "CalibrationNodes":
+        """Return the nodes of one group, by their names within it."""
+        if not group:
+            return self
+        start = f"{group}."
+        inner = {n.removeprefix(start): v for n, v in self.nodes.items() if n.startswith(start)}
+        return CalibrationNodes(path=self.path, nodes=inner, syntax=self.syntax)
+
+
+def read_calibration_nodes(path: str | Path) -> CalibrationNodes:
+    """Read the nodes of a calibration file, whatever program wrote it.
+
+    Parameters
+    ----------
+    path : path
+        OpenCV YAML, XML or JSON (with or without a ``%YAML:`` line); plain YAML, of which the first
+        document is read; JSON; text under headings, as ``name=value`` or as numbers alone; NumPy's
+        .npz without objects; MATLAB's .mat up to version 7, of structures.
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If it cannot be parsed, holds nothing, or is larger than any calibration.
+    """
+    path = Path(path)
+    if not path.is_file():
+        msg = f"{path}: no such calibration file"
+        raise MissingFileError(msg)
+    expected = "expected a calibration as OpenCV, ROS, MATLAB or a scanner's program writes it"
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+        tree, syntax = parse_tree(data, path.suffix.lower())
+    except SyntaxFault as error:
+        msg = f"{path}: not a calibration file that can be read ({error}); {expected}"
+        raise FormatError(msg) from error
+    except OSError as error:
+        msg = f"{path}: {error.strerror or error}"
+        raise FormatError(msg) from error
+    nodes = dict(_walk(tree, ""))
+    if not nodes:
+        msg = f"{path}: {expected}, found no node in it"
+        raise FormatError(msg)
+    return CalibrationNodes(path=path, nodes=nodes, syntax=syntax)
+
+
+def _walk(tree: Tree, name: str) -> Iterator[tuple[str, Node]]:
+    start = f"{name}." if name else ""
+    if isinstance(tree, dict):
+        for key, each in tree.items():
+            yield from _walk(each, f"{start}{key}")
+    elif isinstance(tree, list):
+        numbers = as_numbers(tree)
+        if numbers is not None:
+            yield name, numbers
+        elif any(isinstance(each, dict) for each in tree):
+            for index, each in enumerate(tree):
+                yield from _walk(each, f"{start}{index}")
+        else:
+            yield name, "a list with more in it than numbers"
+    else:
+        yield name, tree

@@ -1,0 +1,232 @@
+"""Syntax of calibration files: bytes to nested maps, lists, numbers and text.
+
+OpenCV's YAML, XML and JSON, plain YAML, JSON and TOML, text with headings or ``name=value`` lines,
+NumPy's and MATLAB's archives. Python's parsers do it, with limits: no aliases, no document types,
+no pickle, nothing above `LARGEST_BYTES`. A map of rows, columns and data, and text that is a
+printed matrix, become arrays; what the names mean is left to others.
+"""
+
+import io
+import json
+import re
+import tomllib
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from exposight.geometry.calibrations.calibration_archives import parse_mat, parse_npz
+from exposight.geometry.calibrations.calibration_text import parse_text
+from exposight.geometry.calibrations.calibration_values import (
+    DEEPEST,
+    LARGEST_BYTES,
+    SyntaxFault,
+    Tree,
+    settled,
+)
+
+
+def parse_tree(data: bytes, suffix: str) -> tuple[Tree, str]:
+    """Parse a calibration file by its content.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    suffix : str
+        Of its name, in lower case; it matters for text alone.
+
+    Returns
+    -------
+    Tree
+        Its content.
+    str
+        Its syntax: OpenCV XML, JSON, YAML, TOML, text, NumPy or MATLAB.
+
+    Raises
+    ------
+    SyntaxFault
+        If it is none of them, or cut off, or announces more or fewer numbers than it has.
+    """
+    if len(data) > LARGEST_BYTES:
+        msg = f"{len(data) / 1e6:.1f} MB, and a calibration has less than {LARGEST_BYTES / 1e6:g}"
+        raise SyntaxFault(msg)
+    try:
+        return _parsed(data, suffix)
+    except SyntaxFault:
+        raise
+    except RecursionError as error:
+        msg = "it is nested too deeply"
+        raise SyntaxFault(msg) from error
+    except Exception as error:
+        # Parsers of foreign formats raise what they like on damaged files.
+        msg = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise SyntaxFault(msg) from error
+
+
+def _parsed(data: bytes, suffix: str) -> tuple[Tree, str]:
+    if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        return parse_npz(data), "NumPy"
+    if data.startswith(b"\x93NUMPY"):
+        array = np.load(io.BytesIO(data), allow_pickle=False)
+        return {"matrix": np.asarray(array, dtype=np.float64)}, "NumPy"
+    if data.startswith((b"\x89HDF", b"MATLAB 7.3")):
+        msg = "a MATLAB file of version 7.3; save it with save(…, '-v7') and toStruct(params)"
+        raise SyntaxFault(msg)
+    if data.startswith(b"MATLAB 5.0"):
+        return parse_mat(data), "MATLAB"
+    text = _decoded(data)
+    if text.startswith("<"):
+        return _xml(text), "OpenCV XML"
+    if text.startswith('{"') or (text.startswith(("{", "[")) and suffix == ".json"):
+        return _json(text), "JSON"
+    if text.startswith("{"):  # YAML's flow style looks alike
+        try:
+            return _json(text), "JSON"
+        except SyntaxFault:
+            return _yaml_or_text(text)
+    if suffix == ".toml":
+        return settled(tomllib.loads(text), "matrix"), "TOML"
+    if text.startswith("# oST") or suffix in {".ini", ".csv"}:
+        return parse_text(text), "text"
+    return _yaml_or_text(text)
+
+
+def _decoded(data: bytes) -> str:
+    for encoding in ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig",):
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError:
+            text = data.decode("cp1252", errors="replace")
+    if "\0" in text:
+        msg = "it is no text"
+        raise SyntaxFault(msg)
+    return text.replace("\r\n", "\n").replace("\r", "\n").lstrip()
+
+
+# -- JSON, XML, YAML ----------------------------------------------------------------------------
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            msg = f"the key {key!r} is there twice"
+            raise SyntaxFault(msg)
+        content[key] = value
+    return content
+
+
+def _json(text: str) -> Tree:
+    try:
+        return settled(json.loads(text, object_pairs_hook=_once), "matrix")
+    except json.JSONDecodeError as error:
+        msg = f"line {error.lineno}: {error.msg}; was it cut off?"
+        raise SyntaxFault(msg) from error
+
+
+def _xml(text: str) -> Tree:
+    if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+        msg = "an XML file with a document type; remove its <!DOCTYPE>"
+        raise SyntaxFault(msg)
+    text = re.sub(r"^<\?xml[^>]*\?>", "", text)  # it is decoded already
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        msg = f"line {error.position[0]}: {str(error).partition(':')[0]}; was it cut off?"
+        raise SyntaxFault(msg) from error
+    if root.tag != "opencv_storage":
+        msg = f"its root is <{root.tag}>, expected <opencv_storage>"
+        raise SyntaxFault(msg)
+    return settled(_element(root, 0) if len(root) else {}, "matrix")
+
+
+def _element(element: ElementTree.Element, depth: int) -> Any:
+    children = list(element)
+    if depth > DEEPEST or not children:
+        text = (element.text or "").strip()
+        return text.strip('"')
+    if all(child.tag == "_" for child in children):
+        return [_element(child, depth + 1) for child in children]
+    return _once([(child.tag, _element(child, depth + 1)) for child in children])
+
+
+_BLOCKS = re.compile(r"^\s*(rows|cols|data|FX|CX)\s*:", re.MULTILINE)
+"""Lines of matrices in YAML: what has them is no other text, however it was cut off."""
+
+
+def _yaml_or_text(text: str) -> tuple[Tree, str]:
+    try:
+        tree = _yaml(text)
+    except (yaml.YAMLError, SyntaxFault) as fault:
+        foreign = text.startswith("%YAML") or (isinstance(fault, SyntaxFault) and "!" in str(fault))
+        if foreign or _BLOCKS.search(text):
+            raise _yaml_fault(fault) from fault
+        try:
+            from_text = parse_text(text)
+        except SyntaxFault as other:
+            of_text = "twice" in str(other) and not isinstance(fault, SyntaxFault)
+            raise (other if of_text else _yaml_fault(fault)) from fault
+        if not _has_arrays(from_text):
+            raise _yaml_fault(fault) from fault
+        return from_text, "text"
+    if isinstance(tree, dict):
+        return tree, "YAML"
+    if isinstance(tree, np.ndarray) and text.startswith(("[", "- ")):
+        return {"matrix": tree}, "YAML"
+    return parse_text(text), "text"
+
+
+def _has_arrays(tree: Tree) -> bool:
+    if isinstance(tree, dict):
+        return any(map(_has_arrays, tree.values()))
+    return isinstance(tree, np.ndarray)
+
+
+def _yaml_fault(error: Exception) -> SyntaxFault:
+    if isinstance(error, SyntaxFault):
+        return error
+    mark = getattr(error, "context_mark", None) or getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or str(error)
+    return SyntaxFault(f"line {mark.line + 1}: {problem}" if mark else problem)
+
+
+def _yaml(text: str) -> Tree:
+    """Parse the first document; OpenCV's first line is none of YAML's, and need not be there."""
+    body = re.sub(
+        r"^(%YAML[^\n]*\n|[ \t]*#[^\n]*\n|[ \t]*\n)+", lambda m: "\n" * m[0].count("\n"), text
+    )
+    body = re.sub(r"^\s*---[ \t]*(?=\n|$)", lambda m: m[0].replace("---", ""), body)
+    loader = yaml.BaseLoader(body.replace("\t", "  "))
+    try:
+        node = loader.get_node() if loader.check_node() else None
+    finally:
+        loader.dispose()
+    if node is None:
+        return {}
+    return settled(_plain(node, set(), 0), "matrix")
+
+
+def _plain(node: yaml.Node, seen: set[int], depth: int) -> Any:
+    if depth > DEEPEST:
+        msg = f"it is nested more than {DEEPEST} deep"
+        raise SyntaxFault(msg)
+    if id(node) in seen:
+        msg = f"line {node.start_mark.line + 1}: an alias; write out what it stands for"
+        raise SyntaxFault(msg)
+    seen.add(id(node))
+    if "python/object" in node.tag or "python/name" in node.tag:
+        msg = (
+            f"line {node.start_mark.line + 1}: {node.tag.rpartition(':')[2]}! is a Python object; "
+            "write arrays with .tolist()"
+        )
+        raise SyntaxFault(msg)
+    if isinstance(node, yaml.MappingNode):
+        if any(key.value == "<<" for key, _ in node.value):
+            msg = f"line {node.start_mark.line + 1}: a merge key; write out what it stands for"
+            raise SyntaxFault(msg)
+        return _once([(str(k.value), _plain(v, seen, depth + 1)) for k, v in node.value])
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(each, seen, depth + 1) for each in node.value]
+    return node.value

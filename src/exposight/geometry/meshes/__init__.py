@@ -1,0 +1,1 @@
+"""Triangle meshes: their files, their faults, and the holes in them."""

@@ -1,0 +1,381 @@
+"""Poses in JSON and YAML: Zivid's matrices, ROS messages, OpenCV's, and named numbers."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from exposight.errors import PoseError
+from exposight.files import ambiguous, current_reading
+from exposight.geometry.poses import RigidTransform
+from exposight.geometry.robot_poses.pose_matrices import (
+    check_length_unit,
+    matrix_pose,
+    quaternion_pose,
+)
+from exposight.geometry.robot_poses.pose_units import UNIT_MM
+from exposight.geometry.robot_poses.printed_poses import WrittenPose, printed_poses
+
+_POSITIONS = ("position", "translation", "trans", "t", "tvec", "xyz", "location", "origin")
+_ORIENTATIONS = ("orientation", "rotation", "quaternion", "quat", "q", "rot", "r")
+_ROTATION_MATRICES = ("rotation_matrix", "rotationmatrix", "rmat", "rotation", "r", "rot")
+_VECTORS = ("rotation_vector", "rotvec", "rvec", "axis_angle", "rotationvector")
+_NAMES = ("name", "view", "id", "label", "child_frame_id", "pose_name", "image")
+_ORDERED = {"wxyz": ("w", "x", "y", "z"), "xyzw": ("x", "y", "z", "w")}
+_DEEPEST = 12
+
+
+def document_poses(data: object, source: str | Path, unit: str | None = None) -> list[WrittenPose]:
+    """Return the poses in the data of a JSON or YAML document; none where there are none.
+
+    Parameters
+    ----------
+    data : object
+        Lists, mappings, texts and numbers.
+    source : str or Path
+        For messages.
+    unit : str, optional
+        Unit of lengths, if the document says it.
+
+    Raises
+    ------
+    PoseError
+        If something is a pose by its form, and none by its numbers.
+    AmbiguousError
+        If two readings fit.
+    """
+    found: list[WrittenPose] = []
+    _collect(data, "", source, unit, found, 0)
+    return found
+
+
+def _collect(
+    data: object,
+    name: str,
+    source: str | Path,
+    unit: str | None,
+    found: list[WrittenPose],
+    depth: int,
+) -> None:
+    if depth > _DEEPEST:
+        return
+    if isinstance(data, str):
+        found.extend(_renamed(each, name) for each in printed_poses(data, source))
+        return
+    place = f"{source}: {name}" if name else str(source)
+    matrix = _matrix(data)
+    if matrix is not None:
+        pose = _scaled(matrix_pose(matrix, place), unit)
+        form = f"{pose.form}, from a document" if depth else pose.form
+        found.append(_renamed(WrittenPose(**{**vars(pose), "form": form}), name))
+        return
+    if isinstance(data, Mapping):
+        table = {str(key).lower(): value for key, value in data.items()}
+        unit = _unit_of(table) or unit
+        own = next((str(table[key]) for key in _NAMES if isinstance(table.get(key), str | int)), "")
+        itself = _of_mapping(table, place, unit)
+        if itself is not None:
+            found.append(_renamed(itself, own or name))
+            return
+        before = len(found)
+        inner = [(str(key), value) for key, value in data.items()]
+        for key, value in inner:
+            wraps = key.lower() in _WRAPPERS
+            _collect(value, (own or name) if wraps else key, source, unit, found, depth + 1)
+        if own and len(found) == before + 1:
+            found[before] = _renamed(found[before], own)
+    elif isinstance(data, list | tuple):
+        for value in data:
+            _collect(value, name if len(data) == 1 else "", source, unit, found, depth + 1)
+
+
+_WRAPPERS = frozenset(
+    {
+        *("pose", "poses", "transform", "transforms", "matrix", "data", "floatmatrix", "views"),
+        *("transformation", "t", "camera_from_part", "flange", "robot_pose", "value"),
+    }
+)
+
+
+def _renamed(pose: WrittenPose, name: str) -> WrittenPose:
+    return pose if pose.name else WrittenPose(**{**vars(pose), "name": name})
+
+
+def _scaled(pose: WrittenPose, unit: str | None) -> WrittenPose:
+    if unit in {None, "mm"} or current_reading().unit is not None:
+        return pose
+    scaled = RigidTransform(
+        rotation=pose.pose.rotation, translation_mm=UNIT_MM[str(unit)] * pose.pose.translation_mm
+    )
+    form = pose.form.replace(", mm", f", {unit}")
+    return WrittenPose(**{**vars(pose), "pose": scaled, "form": form})
+
+
+def _unit_of(table: Mapping[str, object]) -> str | None:
+    for key in ("unit", "units", "length_unit", "translation_unit"):
+        said = table.get(key)
+        if isinstance(said, str):
+            word = {"metre": "m", "meter": "m", "meters": "m", "millimeter": "mm"}.get(said, said)
+            return word if word in UNIT_MM else None
+    return None
+
+
+def _matrix(data: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
+    """Return a 4×4 or 3×4 matrix, nested, as 16 numbers, or as OpenCV writes it."""
+    if isinstance(data, Mapping) and {"rows", "cols", "data"} <= {str(key) for key in data}:
+        numbers = _numbers(data["data"])
+        if numbers is not None and data["cols"] == 4 and data["rows"] in {3, 4}:
+            return np.reshape(numbers, (-1, 4)) if len(numbers) == 4 * data["rows"] else None
+        return None
+    if not isinstance(data, list | tuple):
+        return None
+    rows = [_numbers(row) for row in data]
+    if len(rows) in {3, 4} and all(row is not None and len(row) == 4 for row in rows):
+        return np.array(rows, dtype=np.float64)
+    flat = _numbers(data)
+    return np.reshape(flat, (4, 4)) if flat is not None and len(flat) == 16 else None
+
+
+def _numbers(data: object) -> list[float] | None:
+    if not isinstance(data, list | tuple) or not data:
+        return None
+    if all(isinstance(each, int | float) and not isinstance(each, bool) for each in data):
+        return [float(each) for each in data]
+    return None
+
+
+def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> WrittenPose | None:
+    """Return the pose that a mapping is; None where it is none itself."""
+    flat = named_numbers_pose(_plain_numbers(table), place, unit=unit)
+    if flat is not None:
+        return flat
+    table = {_OPENCV_NAMES.sub(r"\1", key): value for key, value in table.items()}
+    position_key = next((key for key in _with_units(_POSITIONS) if key in table), None)
+    if position_key is None:
+        return None
+    position, is_named = _vector(table[position_key], ("x", "y", "z"))
+    if position is None:
+        return None
+    said = position_key.rpartition("_")[2]
+    unit = said if said in UNIT_MM and position_key != said else unit
+    for key, value in table.items():
+        if key == position_key:
+            continue
+        stem, _, suffix = key.rpartition("_")
+        order = suffix if suffix in _ORDERED else None
+        if (stem if order else key) in _ORIENTATIONS:
+            turn, named_turn = _vector(value, _ORDERED["xyzw"])
+            if turn is not None and len(turn) == 4:
+                metres = "m" if is_named and named_turn and unit is None else unit
+                order = "xyzw" if named_turn else order
+                pose = quaternion_pose(position, turn, place, order=order, unit=metres)
+                form = "ROS pose, m" if metres == "m" and named_turn else pose.form
+                return WrittenPose(**{**vars(pose), "form": form})
+        if key in _ROTATION_MATRICES and isinstance(value, list | tuple | Mapping):
+            rotation = _rotation(value)
+            if rotation is not None:
+                pose = matrix_pose(np.column_stack([rotation, position]), place)
+                if unit is None:
+                    check_length_unit(pose.pose, place, "the pose")
+                return _scaled(pose, unit)
+        if key in _VECTORS:
+            numbers = _numbers(value)
+            if numbers is not None and len(numbers) == 3:
+                return _of_vector(position, numbers, place, unit)
+    return None
+
+
+_OPENCV_NAMES = re.compile(r"^(r|t|rvec|tvec)_[a-z]+2[a-z]+$")
+"""R_cam2gripper and t_cam2gripper of ``calibrateHandEye``."""
+
+
+def _with_units(keys: Sequence[str]) -> list[str]:
+    return [*keys, *(f"{key}_{unit}" for key in keys for unit in ("mm", "m"))]
+
+
+def _vector(value: object, letters: Sequence[str]) -> tuple[list[float] | None, bool]:
+    """Return numbers of a list or by their letters, and whether they have letters."""
+    if isinstance(value, Mapping):
+        table = {str(key).lower(): each for key, each in value.items()}
+        if {"rows", "cols", "data"} <= table.keys():
+            value = table["data"]
+            numbers = _numbers(value)
+            return (numbers if numbers is not None and len(numbers) == 3 else None), False
+        numbers = _numbers([table.get(letter) for letter in letters])
+        return numbers, True
+    if isinstance(value, list | tuple) and all(
+        isinstance(each, list | tuple) and len(each) == 1 for each in value
+    ):
+        value = [each[0] for each in value]  # a column
+    numbers = _numbers(value)
+    return (numbers if numbers is not None and len(numbers) in {3, 4} else None), False
+
+
+def _rotation(value: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
+    if isinstance(value, Mapping):
+        value = value.get("data")
+    if not isinstance(value, list | tuple):
+        return None
+    rows = [_numbers(row) for row in value]
+    if len(rows) == 3 and all(row is not None and len(row) == 3 for row in rows):
+        return np.array(rows, dtype=np.float64)
+    flat = _numbers(value)
+    return np.reshape(flat, (3, 3)) if flat is not None and len(flat) == 9 else None
+
+
+def _of_vector(
+    position: Sequence[float], vector: Sequence[float], place: str, unit: str | None
+) -> WrittenPose:
+    pose = RigidTransform.from_rotation_vector(position, vector)
+    written = WrittenPose(
+        pose=pose, notation="rotation_vector", form=f"rotation vector in rad, {unit or 'mm'}"
+    )
+    if unit is None:
+        check_length_unit(pose, place, "the pose")
+    reading = current_reading().unit
+    return _scaled(written, unit) if reading is None else _scaled_by_reading(written, reading)
+
+
+def _scaled_by_reading(pose: WrittenPose, unit: str) -> WrittenPose:
+    scaled = RigidTransform(
+        rotation=pose.pose.rotation, translation_mm=UNIT_MM[unit] * pose.pose.translation_mm
+    )
+    return WrittenPose(**{**vars(pose), "pose": scaled})
+
+
+def _plain_numbers(table: Mapping[str, object]) -> dict[str, float]:
+    return {
+        key: float(value)
+        for key, value in table.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+
+
+_KINDS = {
+    "fanuc": ("w", "p", "r"),
+    "kuka": ("a", "b", "c"),
+    "wxyz": ("qw", "qx", "qy", "qz"),
+    "abb": ("q1", "q2", "q3", "q4"),
+    "rotation": ("rx", "ry", "rz"),
+}
+
+
+def named_numbers_pose(
+    numbers: Mapping[str, float], source: str | Path, *, unit: str | None = None
+) -> WrittenPose | None:
+    """Return the pose of numbers with names such as x_mm, y_mm, z_mm, qw, qx, qy, qz.
+
+    Parameters
+    ----------
+    numbers : mapping of str to float
+        By name in lower case; units behind an underscore, in brackets or parentheses.
+    source : str or Path
+        For messages.
+    unit : str, optional
+        Unit of lengths whose name does not tell it.
+
+    Returns
+    -------
+    WrittenPose or None
+        None where the names are those of no pose.
+
+    Raises
+    ------
+    AmbiguousError
+        If the names tell no notation or unit.
+    PoseError
+        If the numbers are no pose.
+    """
+    named = {stem_of(key): (value, _suffix(key)) for key, value in numbers.items()}
+    if not {"x", "y", "z"} <= named.keys():
+        return None
+    position = [named[axis][0] for axis in "xyz"]
+    units = {named[axis][1] for axis in "xyz"} - {""}
+    if len(units) > 1:
+        msg = f"{source}: x, y and z are in different units: {', '.join(sorted(units))}"
+        raise PoseError(msg)
+    unit = next(iter(units)) if units and units <= UNIT_MM.keys() else unit
+    for kind, keys in _KINDS.items():
+        if set(keys) <= named.keys():
+            values = [named[key][0] for key in keys]
+            angle_units = {named[key][1] for key in keys} - {""}
+            if len(angle_units) > 1:
+                msg = f"{source}: {', '.join(keys)} are in different units"
+                raise PoseError(msg)
+            return _named_pose(kind, position, values, source, unit, angle_units)
+    return None
+
+
+def _named_pose(
+    kind: str,
+    position: list[float],
+    values: list[float],
+    source: str | Path,
+    unit: str | None,
+    angle_units: set[str],
+) -> WrittenPose:
+    if kind in {"wxyz", "abb"}:
+        said = unit or ("mm" if kind == "abb" else None)
+        return quaternion_pose(position, values, source, order="wxyz", unit=said)
+    scale = UNIT_MM[current_reading().unit or unit or "mm"]
+    mm = [scale * number for number in position]
+    angle = current_reading().angle
+    is_rad = angle == "rad" if angle else angle_units == {"rad"}
+    if kind == "rotation":
+        if not is_rad and angle_units != {"rad"}:
+            raise ambiguous(
+                source,
+                "are rx ry rz a rotation vector, as Universal Robots have it, or angles about the "
+                "fixed axes? Angles go by the columns w p r;",
+                "angle",
+                {"rad": "a rotation vector"},
+            )
+        pose = RigidTransform.from_rotation_vector(mm, values)
+        return WrittenPose(pose=pose, notation="rotation_vector", form="rotation vector in rad")
+    degrees = [float(np.degrees(v)) if is_rad else v for v in values]
+    make = RigidTransform.from_fanuc_wpr if kind == "fanuc" else RigidTransform.from_kuka_abc
+    letters = "w p r" if kind == "fanuc" else "a b c"
+    return WrittenPose(
+        pose=make(mm, *degrees),
+        notation=kind,
+        form=f"x y z {letters}, {unit or 'mm'} and {'rad' if is_rad else 'degrees'}",
+    )
+
+
+def stem_of(key: str) -> str:
+    """Return the number that a key or column means: x of ``pos_x [mm]``, qw of ``quat_w``."""
+    word = key.strip().lower()
+    for bracket in "[(":
+        word = word.split(bracket)[0].strip()
+    for prefix in ("t", "pos_", "position_", "position.", "trans_", "translation."):
+        if word.startswith(prefix) and word[len(prefix) :].split("_")[0] in {"x", "y", "z"}:
+            word = word[len(prefix) :]
+    for prefix in ("orientation.", "orientation_", "quat_", "quaternion_", "rotation."):
+        if word.startswith(prefix) and word[len(prefix) :] in {"x", "y", "z", "w"}:
+            word = "q" + word[len(prefix) :]
+    stem, _, unit = word.rpartition("_")
+    return stem if stem and unit in {*UNIT_MM, "deg", "rad", "grad", "degrees"} else word
+
+
+def _suffix(key: str) -> str:
+    word = key.strip().lower().rstrip(")] ")
+    for separator in ("[", "(", "_"):
+        if separator in word:
+            unit = word.rpartition(separator)[2].strip()
+            if unit in {*UNIT_MM, "deg", "rad"}:
+                return unit
+            if unit in {"°", "grad", "degrees", "degree"}:
+                return "deg"
+    return ""
+
+
+def loose_numbers(data: object) -> list[tuple[str, list[float]]]:
+    """Return the lists of six or seven numbers in a document, with their names."""
+    found: list[tuple[str, list[float]]] = []
+    inner = data.items() if isinstance(data, Mapping) else ()
+    for key, value in inner:
+        numbers = _numbers(value)
+        if numbers is not None and len(numbers) in {6, 7}:
+            found.append((str(key), numbers))
+    return found
