@@ -263,3 +263,13 @@ def test_any_order_and_separator_with_decimal_commas_is_the_same_list(
     path.write_text("\n".join(separator.join(cells) for cells in [order, *lines]))
     found = facts(read_features(path, reading=Reading(decimal="comma")))
     np.testing.assert_allclose(found, [[x, y, z, d / 2, 0, 0, 1] for x, y, z, d in holes])
+
+
+@pytest.mark.parametrize("header", ["name,kind,x_mm,y_mm,z_mm,nx,ny,nz,radius_mm",
+                                    "Name,Type,X,Y,Z,I,J,K,Radius"])  # fmt: skip
+def test_numbers_that_stand_for_missing_values_are_no_places(tmp_path, header):
+    text = listed(header, "{n},hole,{x},{y},{z},0,0,1,{r}")
+    with pytest.raises(FeatureError, match=r"'H2'.* 9999 seems to stand for a missing value"):
+        read(tmp_path, text.replace("51.75", "9999"))
+    far = read(tmp_path, text.replace("51.75", "-999").replace("-62.5", "-612.5"))
+    assert facts(far)[1][0] == -999

@@ -643,3 +643,22 @@ def test_yaml_in_one_line_and_a_file_that_was_cut_off(tmp_path):
     path.write_text(whole[: whole.index("distortion_coefficients") + 5])
     with pytest.raises(FormatError, match=r"cannot|could not"):
         read_calibration(path, image_size=SIZE)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        in_json(K=K, radial=D[[0, 1, 4]], tangential=D[2:4]),
+        in_json(K=K, dist={"radial": D[[0, 1, 4]], "tangential": D[2:4]}),
+        dumped(K=K, RadialCoefficients=D[[0, 1, 4]], TangentialCoefficients=D[2:4]),
+        in_json(K=K, **{f"radial_k{n}": D[p] for n, p in ((1, 0), (2, 1), (3, 4))},
+                tangential_p1=D[2], tangential_p2=D[3]),
+        in_json(K=K, lens={"radial": {"k1": D[0], "k2": D[1], "k3": D[4]},
+                           "tangential": {"p1": D[2], "p2": D[3]}}),
+    ],
+)  # fmt: skip
+def test_radial_and_tangential_coefficients_are_of_one_lens(tmp_path, text):
+    path = tmp_path / "calibration.txt"
+    path.write_text(text)
+    camera = read_calibration(path, image_size=SIZE).camera
+    np.testing.assert_allclose(camera.distortion, D)

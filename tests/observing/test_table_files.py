@@ -191,3 +191,12 @@ def test_inputs_are_read_in_any_dialect(tmp_path):
     path.write_text("X [cm];i_avg\n1,5;90\n-2;30\n")
     frame = read_inputs(path, ("x_mm", "i_avg"))
     assert frame["x_mm"].to_list() == [15.0, -20.0]
+
+
+@pytest.mark.parametrize("mark", ["-999", "9999", "-99999"])
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_numbers_that_stand_for_missing_values_are_no_values(tmp_path, mark, separator):
+    rows = [list(row) for row in ROWS]
+    rows[1][5], rows[2][8] = float(mark), float(mark)
+    with pytest.raises(FormatError, match=rf"line 3, x_mm: {mark}, line 4, w_deg: {mark}"):
+        read(tmp_path, text(rows=rows, separator=separator))

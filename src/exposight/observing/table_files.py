@@ -27,6 +27,7 @@ from exposight.files import (
     remarks_on,
 )
 from exposight.files.text_tables.column_units import Quantity
+from exposight.files.text_tables.written_numbers import stand_ins
 from exposight.observing.schema import REQUIRED, SCHEMA
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv")
@@ -51,6 +52,9 @@ _QUANTITIES: Mapping[str, Quantity] = {"mm": "length", "ms": "time", "deg": "ang
 
 _TURNS = ("w_deg", "p_deg", "r_deg")
 _PLACES = ("x_mm", "y_mm", "z_mm")
+
+_MEASURED = ("exposure_ms", *_PLACES, *_TURNS, "radius_mm")
+"""Columns of numbers without bounds that tell a mark such as 9999 from a value."""
 
 _EXPOSURES_MS = (0.2, 2500.0)
 """Exposure times that structured light takes, by which a unit is plausible."""
@@ -96,7 +100,13 @@ def read_frame(path: Path, required: Sequence[str] = REQUIRED) -> pl.DataFrame:
         msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
         raise FormatError(msg) from error
     frame = _own_form(data, required)
-    return _dialect(data, path, required) if frame is None else frame
+    if frame is None:
+        return _dialect(data, path, required)
+    _refuse_stand_ins(
+        path,
+        {n: frame[n].to_numpy() for n in _MEASURED if n in frame and frame[n].dtype.is_float()},
+    )
+    return frame
 
 
 def parse_csv(csv: bytes) -> pl.DataFrame:
@@ -140,6 +150,7 @@ def _dialect(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
     wanted = _wanted(table.header, () if listed else required)
     matched = match_columns(table.header, wanted, path, reading)
     numbers = _numbers(table, matched)
+    _refuse_stand_ins(path, {n: numbers[n] for n in _MEASURED if n in numbers}, table.lines)
     for names in (("exposure_ms",), _PLACES, _TURNS):
         _ask_units(path, matched, numbers, names)
     columns: dict[str, pl.Series] = {}
@@ -156,6 +167,26 @@ def _dialect(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
             columns[name] = _column(table, place, name)
     recognised(path, *table.remarks, *remarks_on(matched))
     return pl.DataFrame(list(columns.values()))
+
+
+def _refuse_stand_ins(
+    path: Path, numbers: Mapping[str, NDArray[np.float64]], lines: Sequence[int] | None = None
+) -> None:
+    """Refuse numbers such as -999 that stand for a value that is not there."""
+    found = [
+        (int(row) + 2 if lines is None else lines[row], name, float(values[row]))
+        for name, values in numbers.items()
+        for row in np.flatnonzero(stand_ins(values))
+    ]
+    if found:
+        found.sort()
+        shown = ", ".join(f"line {line}, {name}: {value:g}" for line, name, value in found[:10])
+        more = f" and {len(found) - 10} more" if len(found) > 10 else ""
+        msg = (
+            f"{path}: numbers that seem to stand for missing values, {shown}{more}: leave these "
+            "rows out"
+        )
+        raise FormatError(msg)
 
 
 def _wanted(header: Sequence[str], required: Sequence[str]) -> list[Wanted]:

@@ -102,6 +102,8 @@ def features_from_table(
     normals = _normals(columns, numbers, reading)
     finishes = columns.texts("finish")
     features, faults = list[Feature](), ListFaults(path)
+    rows = [f"row {table.lines[row]}, feature {name!r}" for row, name in enumerate(names)]
+    faults.add_stand_ins(numbers, rows)
     for row, name in enumerate(names):
         try:
             features.append(
@@ -111,7 +113,7 @@ def features_from_table(
                 )
             )  # fmt: skip
         except ExposightError as error:
-            faults.add(f"row {table.lines[row]}, feature {name!r}", error)
+            faults.add(rows[row], error)
     faults.add_repeated(names, table.lines)
     faults.settle()
     recognised(path, *table.remarks, *columns.remarks)

@@ -2,13 +2,14 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import ExposightError, FeatureError
+from exposight.files.text_tables.written_numbers import stand_ins
 from exposight.geometry import rotation_facing
 
 _NORMAL_TOLERANCE = 0.05
@@ -77,6 +78,18 @@ class ListFaults:
     def add(self, where: str, error: ExposightError) -> None:
         """Keep the fault of a row."""
         self._faults.append((f"{where}: {error}", type(error)))
+
+    def add_stand_ins(
+        self, columns: Mapping[str, NDArray[np.float64]], where: Sequence[str]
+    ) -> None:
+        """Keep numbers such as -999 that stand for a missing one, of rows called as in `where`."""
+        for name, values in columns.items():
+            for row in np.flatnonzero(stand_ins(values)):
+                text = (
+                    f"{where[row]}: {name} {values[row]:g} seems to stand for a missing value; "
+                    "give the value, or leave the row out"
+                )
+                self._faults.append((text, FeatureError))
 
     def add_repeated(self, names: Sequence[str], rows: Sequence[int]) -> None:
         """Keep the names that several rows share."""

@@ -11,7 +11,7 @@ _MISSING = re.compile(
     r"""
     | [+-]?(?:nan|snan|qnan)(?:\([^)]*\))?      # C, Windows: -nan(ind), nan(snan)
     | [+-]?1[.,]\#(?:qnan|snan|ind|nan)0*       # older Windows: 1.#QNAN, -1.#IND00
-    | <?na>? | n/a | n\.a\. | nat | null | none
+    | <?na>? | n/a | n\.a\. | n\.\s?def\.? | nat | null | none
     | \#(?:n/?a|nv|div/0!|value!|wert!|ref!|bezug!|num!|zahl!|name\??|null!|n/d|valeur!)   # Excel
     | -{1,3} | [–—]{1,2}                        # dashes, which German typists write
     """,
@@ -56,6 +56,29 @@ def thousands_mark(cell: str, decimal: str) -> str:
     """Return the mark between the thousands of a number, empty where it is not such a number."""
     match = _GROUPED[decimal].fullmatch(cell.translate(_MINUS))
     return match["mark"] if match else ""
+
+
+_STAND_INS = frozenset(
+    {sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (1, -1)}
+    | {-32768.0, 1e10, -1e10, 1e20, -1e20, 1e30, -1e30}
+)
+"""Numbers that programs write for a value that is not there: -999, 9999, …"""
+
+
+def stand_ins(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return where a column's numbers stand for missing values, (n,): -999, 9999 and the like.
+
+    Only where they are farther from the other numbers than these are from one another or from 0,
+    so that a part may reach to -999 mm.
+    """
+    alike = np.isin(values, list(_STAND_INS))
+    others = values[~alike & np.isfinite(values)]
+    if not alike.any() or not others.size:
+        return np.zeros_like(alike)
+    low, high = float(others.min()), float(others.max())
+    away = np.maximum(low - values, values - high)
+    far = (away > high - low) | (np.abs(values) > 2.0 * max(-low, high))
+    return np.asarray(alike & far)
 
 
 def to_numbers(

@@ -22,6 +22,7 @@ _NAMED = {"fx": "fx", "fy": "fy", "cx": "cx", "cy": "cy", "ppx": "cx", "ppy": "c
           "focallengthx": "fx", "focallengthy": "fy", "principalpointx": "cx",
           "principalpointy": "cy"}  # fmt: skip
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_PART_OF_LENS = re.compile(r"(?<![a-z])(?:radial|tangential)[a-z]*[_\-. ]", re.IGNORECASE)
 _MM_PER = {"m": 1000.0, "meter": 1000.0, "meters": 1000.0, "metre": 1000.0, "metres": 1000.0,
            "cm": 10.0, "centimeters": 10.0, "mm": 1.0, "millimeter": 1.0, "millimeters": 1.0,
            "in": 25.4, "inch": 25.4, "inches": 25.4}  # fmt: skip
@@ -39,7 +40,15 @@ def in_opencv_terms(file: CalibrationNodes) -> tuple[CalibrationNodes, list[str]
     """
     _check_model(file)
     nodes, remarks = dict(file.nodes), list[str]()
-    for convert in (_matlab, _ensenso, _kalibr, _realsense, _named_numbers, _pairs_of_numbers):
+    for convert in (
+        _matlab,
+        _ensenso,
+        _kalibr,
+        _realsense,
+        _parted,
+        _named_numbers,
+        _pairs_of_numbers,
+    ):
         remarks += convert(nodes)
     return replace(file, nodes=nodes), remarks
 
@@ -109,6 +118,21 @@ def _named_numbers(nodes: dict[str, Node]) -> Iterator[str]:
     return iter(())
 
 
+def _parted(nodes: dict[str, Node]) -> Iterator[str]:
+    """Make coefficients of k1, k2, k3, … named radial, and p1, p2 named tangential."""
+    for name, node in list(nodes.items()):
+        group, _, leaf = name.rpartition(".")
+        if not isinstance(node, np.ndarray) or not _PART_OF_LENS.match(f"{leaf}_"):
+            continue
+        if leaf.lower().startswith("radial") and node.size in {2, 3, 6}:
+            across = _joined(group, f"{'T' if leaf[0] == 'R' else 't'}angential{leaf[6:]}")
+            other = nodes.pop(across, None)
+            p = [0.0, 0.0] if other is None else _array(other, (2,)).tolist()
+            k = _array(nodes.pop(name)).tolist()
+            nodes[_joined(group, "distortion radial, tangential")] = np.array([*k[:2], *p, *k[2:]])
+            yield f"{name} are k1, k2, …" + ("" if other is None else f", {across} are p1, p2")
+
+
 def _gathered(
     nodes: Mapping[str, Node], known: Mapping[str, str]
 ) -> dict[tuple[str, str], dict[str, float]]:
@@ -116,7 +140,8 @@ def _gathered(
     found: dict[tuple[str, str], dict[str, float]] = {}
     pattern = re.compile(rf"(|.*[_\-. ])({'|'.join(known)})")
     for name, node in nodes.items():
-        group, _, leaf = name.rpartition(".")
+        # radial.k1 and tangential.p1 are of one lens
+        group, _, leaf = _PART_OF_LENS.sub("", name).rpartition(".")
         bare = re.sub(r"(?<=[a-z])_?(?=(x|y)$)|(?<=focal)_|(?<=principal)_", "", leaf.lower())
         for spelled in (leaf.lower(), bare):
             match = pattern.fullmatch(spelled)
