@@ -124,7 +124,7 @@ def part_command(
         mended = mend_mesh(read, str(mesh))
         search = find_holes(mended, holes.radius, progress)
         search = _sheets_turned(search, holes)
-        found, notes = _features(search, mended.mesh, holes, mesh)
+        found, notes, unlisted = _features(search, mended.mesh, holes, mesh)
         notes = [*mended.notes, *search.notes, *notes]
         part = Part(name=name or mesh.stem, features=tuple(each.feature for each in found))
         scene = _scene(mended.mesh, part, finishes)
@@ -144,7 +144,7 @@ def part_command(
         if plan is not None:
             write_plan(output / PLAN, plan)
         rows = [_row(each) for each in found]
-        _write_page(output / PAGE, scene, rows, notes, progress)
+        _write_page(output / PAGE, scene, rows, notes, unlisted, progress)
     size = np.ptp(scene.vertices, axis=0)
     return Result(
         title=part.name,
@@ -185,8 +185,8 @@ def _sheets_turned(search: FoundHoles, holes: HoleOptions) -> FoundHoles:
 
 def _features(
     search: FoundHoles, mesh: Mesh, holes: HoleOptions, source: Path
-) -> tuple[list[FoundFeature], list[str]]:
-    """Return the features, named, and remarks."""
+) -> tuple[list[FoundFeature], list[str], int | None]:
+    """Return the features, named, remarks, and how many holes the list lacks."""
     openings = search.openings
     notes: list[str] = []
     if holes.features is not None:
@@ -198,7 +198,7 @@ def _features(
         if further and holes.others:
             taken = {each.feature.name for each in matched.found}
             further = [each for each in further if each.feature.name not in taken]
-            return [*matched.found, *further], notes
+            return [*matched.found, *further], notes, None
         if further:
             named = ", ".join(
                 f"{each.feature.kind} {_size(each.feature)} at "
@@ -210,7 +210,7 @@ def _features(
                 f"{counted(len(further), 'hole')} of the part not in {holes.features}: "
                 f"{named}{more}; --others takes them, too"
             )
-        return list(matched.found), notes
+        return list(matched.found), notes, len(further)
     found = features_of(on_one_side(openings, holes.side or "z"))
     if not found:
         msg = (
@@ -225,7 +225,7 @@ def _features(
             f"{counted(len(through), 'through hole')} taken on the side that faces +z of the "
             "part's frame (across it +y, then +x); --side chooses another"
         )
-    return found, notes
+    return found, notes, None
 
 
 def _size(feature: Feature) -> str:
@@ -300,9 +300,10 @@ def _write_page(
     scene: Scene,
     rows: Sequence[dict[str, Any]],
     notes: Sequence[str],
+    unlisted: int | None,
     progress: Progress,
 ) -> None:
     from exposight.report import write_part_page  # plotting takes a second to import
 
     progress("drawing", 0, 0)
-    write_part_page(path, scene.part, scene.vertices, scene.faces, rows, notes)
+    write_part_page(path, scene.part, scene.vertices, scene.faces, rows, notes, unlisted)

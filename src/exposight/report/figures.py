@@ -107,9 +107,9 @@ def scene(points: NDArray[Any], camera: dict[str, Any]) -> dict[str, Any]:
     x, y, z = ([bottom, bottom + length] for bottom, length in zip(low, size, strict=True))
     longest = max(size)
     return {
-        "xaxis": _scene_axis("x (mm)", x),
-        "yaxis": _scene_axis("z (mm), depth", z, ticks=2),
-        "zaxis": _scene_axis("y (mm), down", y[::-1]),
+        "xaxis": scene_axis("x (mm)", x),
+        "yaxis": scene_axis("z (mm), depth", z, ticks=2),
+        "zaxis": scene_axis("y (mm), down", y[::-1]),
         "aspectmode": "manual",
         "aspectratio": {"x": size[0] / longest, "y": size[2] / longest, "z": size[1] / longest},
         "camera": camera,
@@ -117,7 +117,8 @@ def scene(points: NDArray[Any], camera: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _scene_axis(title: str, limits: list[float], ticks: int = 6) -> dict[str, Any]:
+def scene_axis(title: str, limits: list[float], ticks: int = 6) -> dict[str, Any]:
+    """Return an axis of a scene, from the first limit to the second, with so many ticks at most."""
     return {
         "title": {"text": title},
         "range": limits,

@@ -296,6 +296,29 @@ def _add_names(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Label:
+    """Where a name stands.
+
+    Parameters
+    ----------
+    x, y : float
+        The point at which it is anchored, right and down.
+    side : str
+        Plotly's word for the side of that point.
+    box : (float, float, float, float)
+        Left, top, right and bottom of the name.
+    covered : float
+        Area that it covers of rings and of names placed before.
+    """
+
+    x: float
+    y: float
+    side: str
+    box: Box
+    covered: float
+
+
 def label_places(
     names: Sequence[str],
     centres_mm: NDArray[np.float64],
@@ -311,6 +334,22 @@ def label_places(
     list of (float, float, str)
         The point at which a name is anchored, right and down, and plotly's word for its side.
     """
+    labels = label_boxes(names, centres_mm, radii_mm, extent_mm)
+    return [(label.x, label.y, label.side) for label in labels]
+
+
+def label_boxes(
+    names: Sequence[str],
+    centres_mm: NDArray[np.float64],
+    radii_mm: NDArray[np.float64],
+    extent_mm: float,
+    *,
+    only_free: bool = False,
+) -> list[Label]:
+    """Return the same as `label_places`, with how much of others each name covers.
+
+    With `only_free` names that cover something are not written, and take no place from later ones.
+    """
     gap, letter, line = _GAP * extent_mm, _LETTER * extent_mm, _LINE * extent_mm
     squares = [(x - r, y - r, x + r, y + r) for (x, y), r in zip(centres_mm, radii_mm, strict=True)]
     taken: list[Box] = []
@@ -324,14 +363,21 @@ def label_places(
             (x - away, y, "middle left", (x - away - 2 * half, y - height, x - away, y + height)),
         ]
         others = [*squares[:index], *squares[index + 1 :], *taken]
-        covered = [sum(_overlap(box, other) for other in others) for *_, box in candidates]
+        covered = [sum(overlap(box, other) for other in others) for *_, box in candidates]
         best = candidates[covered.index(min(covered))]
-        labels.append((float(best[0]), float(best[1]), best[2]))
-        taken.append(best[3])
+        labels.append(
+            Label(
+                x=float(best[0]), y=float(best[1]), side=best[2], box=best[3],
+                covered=float(min(covered)),
+            )
+        )  # fmt: skip
+        if not only_free or not min(covered):
+            taken.append(best[3])
     return labels
 
 
-def _overlap(one: Box, other: Box) -> float:
+def overlap(one: Box, other: Box) -> float:
+    """Return the area that two boxes share."""
     width = min(one[2], other[2]) - max(one[0], other[0])
     height = min(one[3], other[3]) - max(one[1], other[1])
     return max(width, 0.0) * max(height, 0.0)

@@ -10,21 +10,27 @@
 
   /* On a narrow window a 3D scene is seen from further away, and its names are small. */
   const isName = (trace) => trace.mode === "text";
-  const further = 1.45;
+  const further = (layout) => layout.meta?.further ?? 1.45;
   const scaled = ({ x, y, z }, by) => ({ x: by * x, y: by * y, z: by * z });
   const narrowed = new Set();
   const narrow = (place, { data, layout }) => {
     if (!layout.scene) return;
     narrowed.add(place);
     layout.font.size = 10;
-    data.filter(isName).forEach((trace) => { trace.textfont.size = 7.5; });
-    layout.scene.camera.eye = scaled(layout.scene.camera.eye, further);
-    const { center } = layout.scene.camera;
-    if (center) center.x -= 0.08; // room for the ticks at the left
+    data.filter(isName).forEach((trace) => {
+      trace.textfont.size = 7.5;
+      const names = layout.meta?.names; // those that have room here, too
+      if (names) trace.text = trace.text.map((text, i) => (names[i] ? text : ""));
+    });
+    const { camera } = layout.scene;
+    if (!camera) return;
+    camera.eye = scaled(camera.eye, further(layout));
+    if (camera.center && !layout.meta) camera.center.x -= 0.08; // room for the ticks at the left
   };
   /* What brings a narrow window's scene nearer, or away again. */
-  const seen = (place, by) => (narrowed.has(place)
-    ? { "scene.camera.eye": scaled(place.layout.scene.camera.eye, by) } : {});
+  const seen = (place, power) => (narrowed.has(place) && place.layout.scene.camera
+    ? { "scene.camera.eye":
+      scaled(place.layout.scene.camera.eye, further(place.layout) ** power) } : {});
 
   /* Draw every figure from the data that follows it. */
   for (const place of document.querySelectorAll("div.plot")) {
@@ -50,7 +56,7 @@
       screen.set(place, { font: place.layout.font.size, named,
         name: named < 0 ? null : place.data[named].textfont.size });
       Plotly.relayout(place, { autosize: false, "font.size": 11,
-        ...size(place), ...seen(place, 1 / further) });
+        ...size(place), ...seen(place, -1) });
       if (named >= 0) Plotly.restyle(place, { "textfont.size": 8 }, [named]);
     });
   });
@@ -59,7 +65,7 @@
       const { font, named, name } = screen.get(place);
       Plotly.relayout(place,
         { autosize: true, width: null, height: null, "font.size": font,
-          ...seen(place, further) });
+          ...seen(place, 1) });
       if (named >= 0) Plotly.restyle(place, { "textfont.size": name }, [named]);
     });
   });
