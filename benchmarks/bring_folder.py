@@ -59,26 +59,27 @@ def write_folder(folder: Path) -> dict[tuple[str, float], float]:
         ``hand_eye.txt``, ``part.txt`` and ``calibration.yml``.
     """
     sensor = coarser_sensor("comet-pro-ae")
-    cell = SimulatedCell(sensor, SimulatedCellSettings(rings_only=True), seed=7)
+    cell = SimulatedCell(sensor, SimulatedCellSettings(), seed=7)
     part = Part(name="door", features=tuple(f for f in cell.part.features if f.kind == "hole"))
     (folder / "scan").mkdir(parents=True)
     hand_eye = RigidTransform.from_fanuc_wpr((30.0, -70.0, 115.0), 2.0, -3.0, 90.5)
     base_from_part = RigidTransform.from_fanuc_wpr((1200.0, 150.0, 320.0), 4.0, -2.0, 35.0)
     program, truth = ["DEF scan()"], {}
-    for number, camera_from_part in enumerate(_poses(sensor, part), start=1):
+    for number, commanded in enumerate(_poses(sensor, part), start=1):
         name = f"P{number:02d}"
-        base_from_flange = base_from_part @ camera_from_part.inverse() @ hand_eye.inverse()
-        turn = Rotation.from_matrix(base_from_flange.rotation).as_euler("ZYX", degrees=True)
-        numbers = zip("XYZABC", (*base_from_flange.translation_mm, *turn), strict=True)
-        frame = ", ".join(f"{key} {value:.6f}" for key, value in numbers)
-        program.append(f"DECL E6POS X{name}={{{frame}, S 2, T 35}}")
         observer = Observer(part, sensor)
-        for time_ms in TIMES_MS:
-            capture = cell.capture(float(time_ms), camera_from_part, view=name)
+        captures = [cell.capture(float(time_ms), commanded, view=name) for time_ms in TIMES_MS]
+        for time_ms, capture in zip(TIMES_MS, captures, strict=True):
             _save(folder / "scan" / f"{name}_{time_ms}ms", capture)
             rows = observer.observe(capture)
             values = [row.p_norm for row in rows if row.p_norm is not None]
             truth[name, float(time_ms)] = float(np.mean(values))
+        reported = captures[0].camera_from_part
+        base_from_flange = base_from_part @ reported.inverse() @ hand_eye.inverse()
+        turn = Rotation.from_matrix(base_from_flange.rotation).as_euler("ZYX", degrees=True)
+        numbers = zip("XYZABC", (*base_from_flange.translation_mm, *turn), strict=True)
+        frame = ", ".join(f"{key} {value:.6f}" for key, value in numbers)
+        program.append(f"DECL E6POS X{name}={{{frame}, S 2, T 35}}")
     (folder / "poses.src").write_text("\n".join([*program, "END", ""]))
     for file, pose in (("hand_eye.txt", hand_eye), ("part.txt", base_from_part)):
         np.savetxt(folder / file, pose.to_matrix())

@@ -11,9 +11,11 @@ import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import polars as pl
 
 from exposight.measuring import measure, measure_observations
 from exposight.models import Training, evaluate, model_named
@@ -102,8 +104,15 @@ def _image(png: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
 
 
-def small_study() -> dict[str, dict[str, object]]:
-    """Return every number of the study by name."""
+def small_study(recorded: dict[str, Any] | None = None) -> dict[str, dict[str, object]]:
+    """Return every number of the study by name.
+
+    Parameters
+    ----------
+    recorded : dict, optional
+        The numbers on record. Models then learn the qualities on record, so that what they learn
+        does not depend on how many pixels at the decoder's limits this processor decodes.
+    """
     tables = observations()
     result: dict[str, dict[str, object]] = {"decoded": decoded()}
     for name, table in tables.items():
@@ -119,7 +128,11 @@ def small_study() -> dict[str, dict[str, object]]:
                 for i, column in enumerate(COLUMNS)
             },
         }
-    table = tables["stripes"].measured()
+    table = tables["stripes"]
+    if recorded is not None:
+        on_record = pl.Series("p_norm", recorded["observations stripes"]["p_norm"])
+        table = ObservationTable(frame=table.frame.with_columns(on_record))
+    table = table.measured()
     unseen = np.array([name.endswith("_test") for name in table.names("feature")])
     known, test = table.where(~unseen), table.where(unseen)
     for name in MODELS:
