@@ -5,7 +5,7 @@ Every message says what was expected, what came, and what to do about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Self
 
@@ -120,3 +120,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     by_lower_case = {each.lower(): each for each in known}
     close = get_close_matches(name.lower(), by_lower_case, n=1)
     return f"; did you mean {by_lower_case[close[0]]!r}?" if close else ""
+
+
+def first_ten(faults: Sequence[str], between: str = "; ") -> str:
+    """Return the first ten of some faults, and how many more there are."""
+    more = f" and {len(faults) - 10} more" if len(faults) > 10 else ""
+    return between.join(faults[:10]) + more

@@ -16,8 +16,7 @@ from exposight.errors import (
 from exposight.files import Reading, reading_as
 from exposight.geometry.meshes.mesh_holes import find_holes
 from exposight.geometry.meshes.mesh_mending import mend_mesh
-from exposight.geometry.meshes.part_meshes import read_part_mesh
-from exposight.geometry.meshes.triangle_meshes import mesh_to_ply
+from exposight.geometry.meshes.triangle_meshes import mesh_to_ply, read_part_mesh
 
 HOLES = [(30.0, 40.0, 5.0), (90.0, 50.0, 12.0), (150.0, 20.0, 3.0)]
 
@@ -118,7 +117,7 @@ def test_step_that_is_none(tmp_path):
 
 
 def test_step_without_the_extra_names_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("exposight.geometry.meshes.part_meshes.find_spec", lambda _: None)
+    monkeypatch.setattr("exposight.geometry.meshes.triangle_meshes.find_spec", lambda _: None)
     (tmp_path / "a.step").write_text(drilled_plate((20, 10, 2), []))
     with pytest.raises(FormatError, match=r"exposight\[cad\]"):
         read_part_mesh(tmp_path / "a.step")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exposight.cell.part import Feature, Part
 from exposight.compiled import njit
 from exposight.errors import FeatureError
-from exposight.geometry.meshes.triangle_meshes import MESH_UNITS_MM
+from exposight.files import UNITS_MM
 
 
 def check_placement(
@@ -28,7 +28,7 @@ def check_placement(
     faces : (m, 3) ndarray of int32
         Triangles of the part.
     unit : str
-        What the mesh's file was taken to be written in, a key of `MESH_UNITS_MM`.
+        What the mesh's file was taken to be written in, a key of `UNITS_MM`.
 
     Raises
     ------
@@ -42,8 +42,8 @@ def check_placement(
     feature = part.features[int(np.argmin(on_surface))]
     centre = feature.part_from_feature.translation_mm
     remedy = "check that mesh and features have the same frame and unit"
-    for other, scale_mm in MESH_UNITS_MM.items():
-        scaled = vertices * (scale_mm / MESH_UNITS_MM[unit])
+    for other, scale_mm in UNITS_MM.items():
+        scaled = vertices * (scale_mm / UNITS_MM[unit])
         if other != unit and _on_surface(part.features, scaled, faces).all():
             remedy = (
                 f"with a mesh in {other} instead of {unit} every feature would lie on it: set "

@@ -18,16 +18,14 @@ from exposight.cli.first_plan import FirstPlanOptions, first_plan
 from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
-from exposight.errors import FeatureError
+from exposight.errors import FeatureError, first_ten
 from exposight.geometry.meshes.mesh_holes import FoundHoles, Opening, find_holes
 from exposight.geometry.meshes.mesh_mending import mend_mesh
-from exposight.geometry.meshes.part_meshes import read_part_mesh
-from exposight.geometry.meshes.triangle_meshes import Mesh
-from exposight.plans import MeasuringPlan, write_plan
+from exposight.geometry.meshes.triangle_meshes import Mesh, read_part_mesh, spelled
+from exposight.plans import write_plan
 from exposight.tables import Column, Table, counted
 from exposight.twin.part import FEATURES_FILE, Scene, check_scene, export_scene, exported_files
 from exposight.twin.part.finishes import Finishes
-from exposight.workers import Progress
 
 PAGE, PLAN = "part.html", "plan.toml"
 
@@ -144,7 +142,11 @@ def part_command(
         if plan is not None:
             write_plan(output / PLAN, plan)
         rows = [_row(each) for each in found]
-        _write_page(output / PAGE, scene, rows, notes, unlisted, progress)
+        progress("drawing", 0, 0)
+        from exposight.report import write_part_page  # plotting takes a second to import
+
+        page = output / PAGE
+        write_part_page(page, scene.part, scene.vertices, scene.faces, rows, notes, unlisted)
     size = np.ptp(scene.vertices, axis=0)
     return Result(
         title=part.name,
@@ -157,14 +159,10 @@ def part_command(
         tables=(_table(rows),),
         notes=tuple(notes),
         files=tuple(files),
-        next_step=_next_step(output, plan),
+        next_step=f"plan MODELS --views auto --features {output / FEATURES_FILE}"
+        if plan is None
+        else f"simulate {output / PLAN} --observe -o {output / 'observations.csv'}",
     )
-
-
-def _next_step(folder: Path, plan: MeasuringPlan | None) -> str:
-    if plan is None:
-        return f"plan MODELS --views auto --features {folder / FEATURES_FILE}"
-    return f"simulate {folder / PLAN} --observe -o {folder / 'observations.csv'}"
 
 
 def _sheets_turned(search: FoundHoles, holes: HoleOptions) -> FoundHoles:
@@ -200,15 +198,14 @@ def _features(
             further = [each for each in further if each.feature.name not in taken]
             return [*matched.found, *further], notes, None
         if further:
-            named = ", ".join(
+            named = [
                 f"{each.feature.kind} {_size(each.feature)} at "
-                f"({', '.join(f'{x:.5g}' for x in each.feature.part_from_feature.translation_mm)})"
-                for each in further[:10]
-            )
-            more = f" and {len(further) - 10} more" if len(further) > 10 else ""
+                f"{spelled(each.feature.part_from_feature.translation_mm)}"
+                for each in further
+            ]
             notes.append(
                 f"{counted(len(further), 'hole')} of the part not in {holes.features}: "
-                f"{named}{more}; --others takes them, too"
+                f"{first_ten(named, ', ')}; --others takes them, too"
             )
         return list(matched.found), notes, len(further)
     found = features_of(on_one_side(openings, holes.side or "z"))
@@ -293,17 +290,3 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         Column(name="residual_mm", label="residual\nmm", decimals=4),
     ]
     return Table.of("found", rows, tuple(columns), title="Features (normals outward)")
-
-
-def _write_page(
-    path: Path,
-    scene: Scene,
-    rows: Sequence[dict[str, Any]],
-    notes: Sequence[str],
-    unlisted: int | None,
-    progress: Progress,
-) -> None:
-    from exposight.report import write_part_page  # plotting takes a second to import
-
-    progress("drawing", 0, 0)
-    write_part_page(path, scene.part, scene.vertices, scene.faces, rows, notes, unlisted)

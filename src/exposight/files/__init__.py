@@ -25,6 +25,7 @@ from exposight.files.durable import (
     write_durably,
 )
 from exposight.files.reading import (
+    UNITS_MM,
     Reading,
     ambiguous,
     collected_remarks,
@@ -35,7 +36,7 @@ from exposight.files.reading import (
 from exposight.files.text_tables.columns import (
     Matched,
     Wanted,
-    check_columns,
+    likely_column,
     match_columns,
     remarks_on,
     unit_hint,

@@ -16,12 +16,15 @@ from typing import Self
 
 from exposight.errors import AmbiguousError, InputError, did_you_mean
 
+UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4})
+"""Units of lengths that files do not tell and people do."""
+
 _ANSWERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "separator": ("comma", "semicolon", "tab", "blank", "pipe"),
         "decimal": ("point", "comma"),
         "encoding": (),
-        "unit": ("mm", "cm", "m", "inch"),
+        "unit": tuple(UNITS_MM),
         "size": ("radius", "diameter"),
         "normals": ("outward", "inward"),
         "exposure": ("ms", "us", "s"),

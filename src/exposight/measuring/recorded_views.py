@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from exposight import cell
-from exposight.errors import InputError, did_you_mean
+from exposight.errors import InputError, did_you_mean, first_ten
 from exposight.geometry import RigidTransform
 from exposight.measuring.capture_table import CaptureTable
 
@@ -40,9 +40,8 @@ def match_views(
         else:
             faults.append(f"view {view!r} has no pose{did_you_mean(view, poses)}")
     if faults:
-        shown = "; ".join(faults[:10]) + (f" and {len(faults) - 10} more" if faults[10:] else "")
         had = ", ".join(list(poses)[:10]) or "none"
-        msg = f"{folder}: {len(faults)} of {len(views)} views: {shown}; poses: {had}"
+        msg = f"{folder}: {len(faults)} of {len(views)} views: {first_ten(faults)}; poses: {had}"
         raise InputError(msg)
     said = f"poses by their number: {', '.join(other_names[:3])}" if other_names else ""
     return found, tuple(filter(None, [said]))

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from difflib import SequenceMatcher
 from typing import get_args
 
 import polars as pl
 
 from exposight.cell import BrightnessSource
 from exposight.errors import ExposightError, FormatError, ObservationError
-from exposight.files import unit_hint
+from exposight.files import likely_column, unit_hint
 from exposight.observing.masks import Visibility
 from exposight.quantities import QUANTITIES
 
@@ -171,9 +169,7 @@ def check_names(names: Sequence[str], required: Sequence[str] = ()) -> None:
     check_columns_present(names, required)
     absent = [name for name in SCHEMA if name not in names]
     for name in names:
-        # A further word makes another column of it: part_id is no slip of part.
-        others = [other for other in absent if not name.startswith(f"{other}_")]
-        meant = None if name in SCHEMA else _misspelt(name, others)
+        meant = "" if name in SCHEMA else likely_column(name, absent)
         if meant:
             msg = f"unknown column {name!r}; did you mean {meant!r}?"
             raise FormatError(msg)
@@ -202,33 +198,12 @@ def check_columns_present(present: Sequence[str], required: Sequence[str]) -> No
         if hint:
             msg = f"column {hint}"
             raise FormatError(msg)
-        meant = _misspelt(name, unknown)
+        meant = next((column for column in unknown if likely_column(column, [name])), "")
         if meant:
             msg = f"unknown column {meant!r}; did you mean {name!r}?"
             raise FormatError(msg)
     msg = f"missing columns {', '.join(missing)}; found {', '.join(present)}"
     raise FormatError(msg)
-
-
-def _misspelt(name: str, others: Sequence[str]) -> str | None:
-    """Return the column that a name seems to be a slip of, but for underscores and capitals.
-
-    Other digits are another column: ``i_p25`` is not ``i_p05``.
-    """
-    plain, digits = _plain(name), re.sub(r"\D", "", name)
-    for other in others:
-        ratio = SequenceMatcher(None, plain, _plain(other)).ratio()
-        if digits == re.sub(r"\D", "", other) and ratio >= _SLIP:
-            return other
-    return None
-
-
-_SLIP = 0.85
-"""Likeness of a slip: one letter of seven. ``i_mean`` and ``i_median`` are less alike."""
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[\W_]", "", name.lower())
 
 
 def complete(frame: pl.DataFrame) -> pl.DataFrame:

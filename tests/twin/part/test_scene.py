@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from exposight.cell import Feature, Part
 from exposight.cell.placement import _squared_distance
 from exposight.errors import FeatureError, InputError
+from exposight.files import UNITS_MM
 from exposight.geometry import RigidTransform
-from exposight.geometry.meshes.triangle_meshes import MESH_UNITS_MM
 from exposight.twin.part import Scene, Zone, check_scene
 
 
@@ -157,11 +157,11 @@ def test_an_obstacle_is_not_the_part(box):
         check_scene(scene_of(both, clamped, n_obstacle_faces=2))
 
 
-@pytest.mark.parametrize("wrong", MESH_UNITS_MM)
-@pytest.mark.parametrize("right", MESH_UNITS_MM)
+@pytest.mark.parametrize("wrong", UNITS_MM)
+@pytest.mark.parametrize("right", UNITS_MM)
 def test_a_mesh_in_another_unit_is_noticed(right, wrong):
     block = trimesh.creation.box(extents=(100, 80, 60))
-    block.apply_scale(MESH_UNITS_MM[wrong] / MESH_UNITS_MM[right])
+    block.apply_scale(UNITS_MM[wrong] / UNITS_MM[right])
     scaled = scene_of(block, feature_at((40, 30, -30), "hole", 2.0))
     if right == wrong:
         check_scene(scaled, wrong)

@@ -8,6 +8,7 @@ too.
 
 import codecs
 import io
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,18 +20,21 @@ import polars as pl
 from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.cloud import Cloud
-from exposight.cell.cloud_formats.cloud_signatures import cloud_kind
-from exposight.cell.cloud_formats.e57 import points_from_e57, split_scan
-from exposight.cell.cloud_formats.pcd import points_from_pcd
+from exposight.cell.cloud_formats.e57 import SIGNATURE, points_from_e57, split_scan
+from exposight.cell.cloud_formats.pcd import is_pcd, points_from_pcd
 from exposight.cell.cloud_formats.ply import ply_from_points, points_from_ply
 from exposight.cell.cloud_formats.text_clouds import TEXT_SUFFIXES, points_from_text
 from exposight.errors import CloudError, DamagedFileError, FormatError
-from exposight.files import read_bytes, write_durably
+from exposight.files import UNITS_MM, read_bytes, recognised, write_durably
 
 _CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
+_Read = Callable[[bytes, Path], Cloud]
+_Write = Callable[[Cloud], bytes]
 
-LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, "m": 1000.0})
+LENGTH_UNITS_MM: Mapping[str, float] = MappingProxyType(
+    {unit: UNITS_MM[unit] for unit in ("mm", "cm", "m")}
+)
 """Units that the coordinates of a cloud's file may have, in mm."""
 
 
@@ -81,7 +85,7 @@ def read_cloud(
     if not data:
         msg = f"{path} is empty; expected a {path.suffix} point cloud: copy or export it again"
         raise DamagedFileError(msg)
-    kind = cloud_kind(data, path, READ_SUFFIXES)
+    kind = _kind(data, path)
     try:
         if kind == ".e57":
             cloud, unit = _read_e57(path, scan, unit), "mm"
@@ -89,7 +93,7 @@ def read_cloud(
             cloud = Cloud(points=points_from_text(data, path, size=size, unit=unit))
             unit = "mm"
         else:
-            cloud = _FORMATS[kind][0](data, path)
+            cloud = _READERS[kind](data, path)
         if unit != "mm":
             cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
         if tuple(axes) != ("x", "y", "z"):
@@ -123,25 +127,14 @@ def write_cloud(path: Path, cloud: Cloud) -> None:
         If the disk refuses.
     """
     path = Path(path)
-    write_durably(path, _writer(path)(cloud))
-
-
-_Read = Callable[[bytes, Path], Cloud]
-_Write = Callable[[Cloud], bytes]
-
-
-def _writer(path: Path) -> _Write:
-    """Return the writer of the format that a file's suffix gives."""
-    if path.suffix.lower() in _FORMATS:
-        return _FORMATS[path.suffix.lower()][1]
-    msg = (
-        f"{path}: point clouds are written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
-        f"{path.suffix!r}; name it so"
-    )
-    raise FormatError(msg)
-
-
-# -- PCD ----------------------------------------------------------------------------------------
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        msg = (
+            f"{path}: point clouds are written as {', '.join(CLOUD_SUFFIXES)}, got the suffix "
+            f"{path.suffix!r}; name it so"
+        )
+        raise FormatError(msg)
+    write_durably(path, writer(cloud))
 
 
 def _read_pcd(data: bytes, path: Path) -> Cloud:
@@ -158,21 +151,11 @@ def _pcd(cloud: Cloud) -> bytes:
     return buffer.getvalue()
 
 
-# -- E57 ----------------------------------------------------------------------------------------
-
-
 def _read_e57(path: Path, scan: int | None, unit: str) -> Cloud:
     if unit == "cm":
         msg = "E57 files are in m by their standard; leave out the unit"
         raise CloudError(msg)
     return Cloud(points=points_from_e57(path, scan))
-
-
-# -- text ---------------------------------------------------------------------------------------
-
-
-def _read_text(data: bytes, path: Path) -> Cloud:
-    return Cloud(points=points_from_text(data, path))
 
 
 def _write_text(separator: str, header: bool, cloud: Cloud) -> bytes:
@@ -183,9 +166,6 @@ def _write_text(separator: str, header: bool, cloud: Cloud) -> bytes:
 
 
 _xyz, _csv = partial(_write_text, " ", False), partial(_write_text, ",", True)
-
-
-# -- NPY ----------------------------------------------------------------------------------------
 
 
 def _read_npy(data: bytes, path: Path) -> Cloud:
@@ -211,9 +191,6 @@ def _npy(cloud: Cloud) -> bytes:
     return buffer.getvalue()
 
 
-# -- PLY ----------------------------------------------------------------------------------------
-
-
 def _read_ply(data: bytes, path: Path) -> Cloud:
     points, sigma = points_from_ply(data, path)
     return Cloud(points=points, sigma_z_mm=sigma)
@@ -223,19 +200,110 @@ def _ply(cloud: Cloud) -> bytes:
     return ply_from_points(cloud.points, cloud.sigma_z_mm)
 
 
-_FORMATS: dict[str, tuple[_Read, _Write]] = {
-    ".ply": (_read_ply, _ply),
-    ".pcd": (_read_pcd, _pcd),
-    ".xyz": (_read_text, _xyz),
-    ".txt": (_read_text, _xyz),
-    ".csv": (_read_text, _csv),
-    ".asc": (_read_text, _xyz),
-    ".pts": (_read_text, _xyz),
-    ".npy": (_read_npy, _npy),
+_READERS: Mapping[str, _Read] = {".ply": _read_ply, ".pcd": _read_pcd, ".npy": _read_npy}
+_WRITERS: Mapping[str, _Write] = {
+    ".ply": _ply,
+    ".pcd": _pcd,
+    **dict.fromkeys(TEXT_SUFFIXES, _xyz),
+    ".csv": _csv,
+    ".npy": _npy,
 }
 
-CLOUD_SUFFIXES: tuple[str, ...] = tuple(_FORMATS)
+CLOUD_SUFFIXES: tuple[str, ...] = tuple(_WRITERS)
 """File suffixes of the point-cloud formats that can be read and written."""
 
 READ_SUFFIXES: tuple[str, ...] = (*CLOUD_SUFFIXES, ".e57")
 """File suffixes of the point-cloud formats that can be read."""
+
+_CLOUDS: tuple[tuple[bytes, str], ...] = (
+    *((b"ply" + end, ".ply") for end in (b"\n", b"\r", b" ")),
+    (b"\x93NUMPY", ".npy"),
+    (SIGNATURE, ".e57"),
+)
+
+_KEEP = "keeping missing points so that it stays organised"
+_MESH = (
+    "a mesh, whose points have lost their pixels: export the scanner's cloud, before it is meshed, "
+    f"as PLY or PCD, {_KEEP}; a part's own geometry is no capture"
+)
+_LAS = "a LAS or LAZ file, which has no missing points: export E57, PLY or PCD instead"
+_ZDF = "a Zivid file: export it from Zivid Studio as an organised PLY or PCD (File > Export)"
+_IMAGE = (
+    "an image: a depth image needs its camera (observe --cloud IMAGE --depth-scale MM, in Python "
+    "read_depth_cloud)"
+)
+_EXR = "an EXR image: save its depth as TIFF of 32 bits or as NPY, and give --depth-scale"
+_OTHERS: tuple[tuple[bytes, str], ...] = (
+    (b"LASF", _LAS),
+    (b"\x89HDF", _ZDF),
+    (b"glTF", _MESH),
+    (b"\x89PNG", _IMAGE),
+    (b"\xff\xd8\xff", _IMAGE),
+    (b"II*\0", _IMAGE),
+    (b"MM\0*", _IMAGE),
+    (b"BM", _IMAGE),
+    (b"\x76\x2f\x31\x01", _EXR),
+    (b"MATLAB 5.0", "a MATLAB file: save the array as NPY, PLY or CSV"),
+    (b"\xd0\xcf\x11\xe0", "a workbook or another document of Office: save its sheet as CSV"),
+)
+_BY_SUFFIX = {
+    **dict.fromkeys((".stl", ".obj", ".glb", ".gltf", ".3mf", ".step", ".stp", ".off"), _MESH),
+    **dict.fromkeys((".las", ".laz"), _LAS),
+    **dict.fromkeys((".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"), _IMAGE),
+    ".exr": _EXR,
+    ".zdf": _ZDF,
+    **dict.fromkeys(
+        (".xlsx", ".xls", ".ods"), "a workbook: save its sheet as CSV, with x, y and z as columns"
+    ),
+    **dict.fromkeys(
+        (".mrp", ".mraw", ".bag", ".db3", ".praw", ".zmp"),
+        "a recording of a vendor's own program: export its cloud as PLY or PCD there",
+    ),
+}
+
+
+def _kind(data: bytes, path: Path) -> str:
+    """Return the suffix that stands for the format of a cloud's content, which is not empty.
+
+    Raises
+    ------
+    FormatError
+        If it is no cloud; the message says what to export instead.
+    """
+    suffix = path.suffix.lower()
+    found = next((kind for start, kind in _CLOUDS if data.startswith(start)), "")
+    if not found and is_pcd(data):
+        found = ".pcd"
+    if found:
+        if suffix != found:
+            recognised(path, f"a {found[1:].upper()} file by its content")
+        return found
+    advice = next((text for start, text in _OTHERS if data.startswith(start)), "")
+    if suffix in READ_SUFFIXES and suffix != ".npy" and advice is _IMAGE and data.startswith(b"BM"):
+        advice = ""  # a text may begin so
+    if not advice and _is_stl(data):
+        advice = _MESH
+    if not advice and suffix in READ_SUFFIXES:
+        return suffix
+    advice = advice or _BY_SUFFIX.get(suffix, "")
+    if not advice and _is_text(data):
+        recognised(path, "text by its content")
+        return ".xyz"
+    msg = f"{path}: point clouds are read as {', '.join(READ_SUFFIXES)}, got " + (
+        advice or f"the suffix {path.suffix!r}; convert it, {_KEEP}"
+    )
+    raise FormatError(msg)
+
+
+def _is_stl(data: bytes) -> bool:
+    if data.startswith(b"solid") and b"facet" in data[:1024]:
+        return True
+    if len(data) < 84:
+        return False
+    (triangles,) = struct.unpack("<I", data[80:84])
+    return bool(triangles > 0 and len(data) == 84 + 50 * triangles)
+
+
+def _is_text(data: bytes) -> bool:
+    start = data[:4096]
+    return b"\0" not in start and any(byte in b"0123456789" for byte in start)

@@ -7,8 +7,7 @@ the lines that are wrong.
 """
 
 import contextlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,10 @@ from numpy.typing import NDArray
 
 from exposight.errors import CloudError, FormatError
 from exposight.files import (
+    UNITS_MM,
     Matched,
     Reading,
+    TextTable,
     Wanted,
     current_reading,
     match_columns,
@@ -31,8 +32,6 @@ Floats = NDArray[np.float64]
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc", ".pts")
 """File suffixes of clouds as text."""
-
-_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
 _AXES = tuple(
     Wanted(
@@ -66,17 +65,7 @@ _COUNTED = 3
 """Points from which a first column that counts them cannot be chance."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Lines:
-    """The columns of a file that was read line by line: names, how many, numbers, remarks."""
-
-    header: tuple[str, ...]
-    width: int
-    numbers: Callable[..., Floats]
-    remarks: tuple[str, ...]
-
-
-_Columns = _Lines | SampledTable
+_Columns = TextTable | SampledTable
 
 
 def points_from_text(
@@ -116,7 +105,8 @@ def points_from_text(
         with contextlib.suppress(SampleError):
             points, said = _points(sampled, path, reading, size, unit)
     if points is None:
-        points, said = _points(_lines(data, path, reading), path, reading, size, unit)
+        table = parse_table(data, path, what="point cloud", reading=reading, header=None, least=3)
+        points, said = _points(table, path, reading, size, unit)
     recognised(path, *said)
     with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
         return points.astype(np.float32)
@@ -129,7 +119,7 @@ def _points(
     said = [remark for remark in lines.remarks if not remark.startswith("blanks between")]
     if not lines.header:
         places, more = _unnamed(lines, path)
-        points = lines.numbers(*places).reshape(-1, 3) * _UNITS_MM[reading.unit or "mm"]
+        points = lines.numbers(*places).reshape(-1, 3) * UNITS_MM[reading.unit or "mm"]
         return points, [*said, *more]
     points, columns = _named(lines, path, reading, unit)
     said += remarks_on({axis.name: columns[axis.name] for axis in _AXES})
@@ -137,16 +127,6 @@ def _points(
     if pixels is not None:
         points = _organised(points, pixels, size)
     return points, [*said, *more]
-
-
-def _lines(data: bytes, path: Path, reading: Reading) -> _Columns:
-    """Return a file's columns, read line by line."""
-    table = parse_table(data, path, what="point cloud", reading=reading, header=None, least=3)
-
-    def numbers(*places: int, rows: int | None = None) -> Floats:
-        return table.numbers(*places).reshape(len(table), len(places))[:rows]
-
-    return _Lines(header=table.header, width=table.columns, numbers=numbers, remarks=table.remarks)
 
 
 def _named(
@@ -166,20 +146,20 @@ def _named(
 
 def _unnamed(lines: _Columns, path: Path) -> tuple[tuple[int, int, int], list[str]]:
     """Return which of columns without names are x, y and z, and what to say of it."""
-    if lines.width == 3:
+    if lines.columns == 3:
         return (0, 1, 2), []
     start = lines.numbers(0, rows=_STARTED).ravel()
     counting = [base for base in (0, 1) if _counts(start, base) and _counts(lines.numbers(0), base)]
     if counting and len(start) >= _COUNTED:
         return (1, 2, 3), ["the first column counts the points, the next three are x y z"]
-    if lines.width >= 5 and _is_raster(lines.numbers(0, 1, rows=_STARTED)):
+    if lines.columns >= 5 and _is_raster(lines.numbers(0, 1, rows=_STARTED)):
         msg = (
-            f"{path}: the first two of its {lines.width} columns seem to be rows and columns of "
+            f"{path}: the first two of its {lines.columns} columns seem to be rows and columns of "
             "the image; name the columns in a first line, such as 'row col x y z', or 'x y z …' if "
             "they are coordinates"
         )
         raise FormatError(msg)
-    return (0, 1, 2), [f"the first three of {lines.width} columns without names are x y z"]
+    return (0, 1, 2), [f"the first three of {lines.columns} columns without names are x y z"]
 
 
 def _counts(numbers: Floats, base: int) -> bool:

@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell.feature_lists.listed_features import ListFaults, feature_rotation
-from exposight.cell.part import RULES, Feature, FeatureKind
+from exposight.cell.feature_lists.listed_features import ListFaults, left_out, listed_feature
+from exposight.cell.part import Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
-from exposight.files import Reading, recognised
+from exposight.files import UNITS_MM, Reading, recognised
 from exposight.files.text_tables.encodings import decode
-from exposight.geometry import RigidTransform
 
-_UNITS_MM = {"MM": 1.0, "CM": 10.0, "M": 1000.0, "INCH": 25.4, "IN": 25.4, "FEET": 304.8}
-_READING_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+_UNITS_MM = {name.upper(): scale for name, scale in UNITS_MM.items()} | {"IN": 25.4, "FEET": 304.8}
 _ANGLES = ("ANGDEC", "ANGDMS", "ANGRAD")
 _PLANES = {"XYPLAN": (0, 1, 2), "YZPLAN": (1, 2, 0), "ZXPLAN": (2, 0, 1), "XZPLAN": (2, 0, 1)}
 """Axes of r cos a, r sin a and the height of polar coordinates, of each working plane."""
@@ -79,7 +77,7 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
     """
     state, read = _State(), _Read()
     if reading.unit is not None:
-        state.unit_mm = _READING_MM[reading.unit]
+        state.unit_mm = UNITS_MM[reading.unit]
     faults = ListFaults(path)
     without_unit = False
     text, _ = decode(data, path, reading.encoding)
@@ -115,7 +113,7 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
     if any(read.systems):
         remarks.append(f"in the coordinates that row {read.systems[0]} sets")
     if read.left:
-        remarks.append(f"not read: {', '.join(f'{n} {what}' for what, n in read.left.items())}")
+        remarks.append(f"not read: {left_out(read.left)}")
     if reading.normals == "inward":
         remarks.append("normals turned outward, as told")
     recognised(path, *remarks)
@@ -125,7 +123,7 @@ def features_from_dmis(data: bytes, path: Path, reading: Reading) -> tuple[Featu
 def _check(read: _Read, path: Path, *, is_pc_dmis: bool) -> None:
     """Check that there are features, all in one system of coordinates."""
     if not read.features:
-        left = ", ".join(f"{n} {what}" for what, n in read.left.items()) or "none at all"
+        left = left_out(read.left) or "none at all"
         msg = f"{path}: expected features FEAT/CIRCLE,INNER or FEAT/CPARLN,INNER, got {left}; " + (
             "this is a program of PC-DMIS: export it as DMIS, or its features as a table"
             if is_pc_dmis
@@ -213,17 +211,12 @@ def _feature(name: str, words: Sequence[str], state: _State, *, inward: bool) ->
         kind = "pocket" if "FLAT" in flags else "slot"
         direction, (length, width) = np.array(numbers[3:6]), numbers[6:8]
         radius = 0.0 if kind == "pocket" else width / 2
-    return Feature(
+    return listed_feature(
         name=name,
         kind=kind,
-        part_from_feature=RigidTransform(
-            rotation=feature_rotation(
-                0.0 - normal if inward else normal,
-                direction,
-                needed_by=kind if RULES[kind].has_length else "",
-            ),
-            translation_mm=scale * place,
-        ),
+        place_mm=scale * place,
+        normal=0.0 - normal if inward else normal,
+        direction=direction,
         radius_mm=scale * radius,
         length_mm=None if length is None else scale * length,
         width_mm=None if width is None else scale * width,

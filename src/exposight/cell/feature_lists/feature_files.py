@@ -7,9 +7,8 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +16,11 @@ from numpy.typing import NDArray
 from exposight.cell.feature_lists.dmis import features_from_dmis, is_dmis
 from exposight.cell.feature_lists.feature_tables import features_from_table
 from exposight.cell.feature_lists.feature_words import kind_of
-from exposight.cell.feature_lists.listed_features import ListFaults, feature_rotation
+from exposight.cell.feature_lists.listed_features import ListFaults, listed_feature
 from exposight.cell.feature_lists.qif import features_from_qif, is_qif
-from exposight.cell.part import RULES, Feature, FeatureKind
+from exposight.cell.part import RULES, Feature
 from exposight.errors import FeatureError, FormatError
-from exposight.files import (
-    Reading,
-    check_columns,
-    current_reading,
-    read_bytes,
-    recognised,
-    write_durably,
-)
-from exposight.geometry import RigidTransform
+from exposight.files import Reading, current_reading, read_bytes, recognised, write_durably
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
 _OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz", "finish")
@@ -101,12 +92,16 @@ def _own_text(data: bytes) -> str | None:
     except UnicodeDecodeError:
         return None
     header = [cell.strip() for cell in text.split("\n", 1)[0].split(",")]
-    own = [*_REQUIRED, *(column for column in _OPTIONAL if column in header)]
-    if header != own or _COMMA_IN_CELL.search(text):
+    if header != _own_columns(header) or _COMMA_IN_CELL.search(text):
         return None
     kinds = {row[1].strip() for row in csv.reader(io.StringIO(text, newline="")) if len(row) > 1}
     translated = any(kind not in RULES and kind_of(kind) for kind in kinds - {"kind"})
     return None if translated else text
+
+
+def _own_columns(header: Sequence[str]) -> list[str]:
+    """Return how a header is written in our own files."""
+    return [*_REQUIRED, *(column for column in _OPTIONAL if column in header)]
 
 
 def write_features(path: Path, features: Iterable[Feature]) -> None:
@@ -171,7 +166,12 @@ def features_from_csv(text: str, source: Path, *, inward: bool = False) -> tuple
     """
     rows = list(csv.reader(io.StringIO(text, newline="")))
     header = [cell.strip() for cell in rows[0]] if rows else []
-    check_columns(header, required=_REQUIRED, optional=_OPTIONAL, source=source)
+    if header != _own_columns(header):
+        msg = (
+            f"{source}: expected the columns {','.join(_REQUIRED)}[,{'][,'.join(_OPTIONAL)}], got "
+            f"{','.join(header)}"
+        )
+        raise FormatError(msg)
     features, names, numbers = list[Feature](), list[str](), list[int]()
     faults = ListFaults(source)
     for number, row in enumerate(rows[1:], start=2):
@@ -208,23 +208,14 @@ def _spell(number: float) -> str:
 
 def _feature(cells: Mapping[str, str], *, inward: bool) -> Feature:
     """Return the feature that a row's cells describe."""
-    kind = cast("FeatureKind", cells["kind"])
-    if kind not in RULES:
-        msg = f"the kind must be one of {', '.join(RULES)}, got {kind!r}"
-        raise FeatureError(msg)
     normal = _vector(cells, "nx", "ny", "nz")
     directed = any(cells.get(column) for column in ("tx", "ty", "tz"))
-    return Feature(
+    return listed_feature(
         name=cells["name"],
-        kind=kind,
-        part_from_feature=RigidTransform(
-            rotation=feature_rotation(
-                0.0 - normal if inward else normal,
-                _vector(cells, "tx", "ty", "tz") if directed else None,
-                needed_by=kind if RULES[kind].has_length else "",
-            ),
-            translation_mm=_vector(cells, "x_mm", "y_mm", "z_mm"),
-        ),
+        kind=cells["kind"],
+        place_mm=_vector(cells, "x_mm", "y_mm", "z_mm"),
+        normal=0.0 - normal if inward else normal,
+        direction=_vector(cells, "tx", "ty", "tz") if directed else None,
         radius_mm=_number(cells, "radius_mm"),
         length_mm=_number(cells, "length_mm") if cells.get("length_mm") else None,
         width_mm=_number(cells, "width_mm") if cells.get("width_mm") else None,

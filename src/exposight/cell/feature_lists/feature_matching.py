@@ -1,6 +1,6 @@
 """A user's list of features held against what was found in the part's mesh."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,18 +11,17 @@ from scipy.spatial import cKDTree
 from exposight.cell.feature_lists.found_features import KINDS, FoundFeature, feature_at
 from exposight.cell.part import Feature, Part
 from exposight.cell.placement import faces_under
-from exposight.errors import ContradictionError, FeatureError
-from exposight.files import ambiguous, current_reading
+from exposight.errors import ContradictionError, FeatureError, first_ten
+from exposight.files import UNITS_MM, ambiguous, current_reading
 from exposight.geometry import RigidTransform
 from exposight.geometry.meshes.mesh_holes import Opening
-from exposight.geometry.meshes.triangle_meshes import MESH_UNITS_MM, Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh, spelled
 from exposight.tables import counted
 
 _SIZE_SHARE, _SIZE_MM = 0.05, 0.1
 _OTHER_SKIN = 3.0
 """A listed place must be so many times nearer to a skin that faces away for that to be meant."""
 
-_SHOWN = 10
 _RIMS = ("hole", "slot")
 """Kinds that have a rim; pockets pressed into sheet, balls and points need none."""
 
@@ -87,7 +86,7 @@ def match_features(
         near = _near(feature, [openings[i] for i in sorted(around)])
         if len(near) > 1 and near[0][0] > 0.3 * near[1][0]:
             double.append(
-                f"{feature.name!r} at {_spelled(feature.part_from_feature.translation_mm)} lies "
+                f"{feature.name!r} at {spelled(feature.part_from_feature.translation_mm)} lies "
                 f"{near[0][0]:.3g} and {near[1][0]:.3g} mm from two"
             )
         pairs.append(near[0][1] if near else None)
@@ -104,18 +103,15 @@ def match_features(
             taken[id(opening)] = feature.name
     if double:
         msg = (
-            f"{source}: features and openings of the part cannot be told apart within "
-            f"{tolerance_mm:g} mm: {_first(double)}; give a smaller --tolerance, or mend the list"
+            f"{source}: features and openings cannot be told apart within {tolerance_mm:g} mm: "
+            f"{first_ten(double)}; give a smaller --tolerance, or mend the list"
         )
         raise FeatureError(msg)
     _check_sizes(listed, pairs, source)
     found = [
         FoundFeature(feature=feature, opening=None)
         if opening is None
-        else FoundFeature(
-            feature=_placed(feature, opening),
-            opening=opening,
-        )
+        else FoundFeature(feature=_placed(feature, opening), opening=opening)
         for feature, opening in zip(listed, pairs, strict=True)
     ]
     kept = [each.feature.name for each in found if each.opening is None]
@@ -124,7 +120,7 @@ def match_features(
     if kept:
         notes.append(
             f"{counted(len(kept), 'feature')} without a rim taken as listed, the surface is there: "
-            f"{_first(kept)}"
+            f"{first_ten(kept)}"
         )
     return MatchedFeatures(
         found=tuple(found),
@@ -200,7 +196,7 @@ def _check_normals(
         )
     msg = (
         f"{source}: the normals of {counted(len(away), 'feature')} point into the part's material, "
-        f"those of the others outward: {_first(away)}; turn them in the list"
+        f"those of the others outward: {first_ten(away)}; turn them in the list"
     )
     raise ContradictionError(msg)
 
@@ -236,8 +232,8 @@ def _check_sizes(listed: Sequence[Feature], pairs: Sequence[Opening | None], sou
     lines = [f"{who!r} {what} {a:.4g}, the part {b:.4g}" for who, what, a, b in off]
     msg = (
         f"{source}: {counted(len(off), 'size')} of the list disagree with the part by more than "
-        f"{100 * _SIZE_SHARE:g} %: {_first(lines)}; correct the list, or take the part's version "
-        "that it belongs to"
+        f"{100 * _SIZE_SHARE:g} %: {first_ten(lines)}; correct the list, or take the part's "
+        "version that it belongs to"
     )
     raise ContradictionError(msg)
 
@@ -255,7 +251,7 @@ def _missing_message(
         alike = [o for o in openings if KINDS[o.outline] == feature.kind]
         away = min((float(np.linalg.norm(o.centre_mm - centre)) for o in alike), default=None)
         nearest = "none found" if away is None else f"the nearest {away:.4g} mm away"
-        lines.append(f"{feature.name!r} ({feature.kind} at {_spelled(centre)}, {nearest})")
+        lines.append(f"{feature.name!r} ({feature.kind} at {spelled(centre)}, {nearest})")
     moved = _explained_by_motion(listed, openings, tolerance_mm)
     remedy = moved or (
         "correct the list or take its features out; --tolerance MM and --radius MIN MAX widen what "
@@ -263,7 +259,7 @@ def _missing_message(
     )
     return (
         f"{source}: the part has no such feature within {tolerance_mm:g} mm for "
-        f"{len(missing)} of {len(listed)}: {_first(lines)}; {remedy}"
+        f"{len(missing)} of {len(listed)}: {first_ten(lines)}; {remedy}"
     )
 
 
@@ -283,7 +279,7 @@ def _explained_by_motion(
         away, nearest = tree.query(points)
         return len(np.unique(nearest[away <= tolerance_mm]))
 
-    for unit, scale in MESH_UNITS_MM.items():
+    for unit, scale in UNITS_MM.items():
         for factor, how in ((scale, f"in {unit}"), (1 / scale, f"mm taken for {unit}")):
             if factor != 1.0 and hits(places * factor) >= needed:
                 return f"read as {how}, {hits(places * factor)} of them fit: --read-as unit={unit}"
@@ -295,7 +291,7 @@ def _explained_by_motion(
         for shift in targets[alike[i]] - places[i]:
             if hits(places + shift) >= needed:
                 return (
-                    f"moved by {_spelled(shift)} mm, {hits(places + shift)} of {len(rims)} fit: "
+                    f"moved by {spelled(shift)} mm, {hits(places + shift)} of {len(rims)} fit: "
                     "list and mesh have different origins; move one of them"
                 )
     return _explained_by_rotation(places, targets, alike, hits, needed)
@@ -338,13 +334,3 @@ def _moved(
     u, _, vt = np.linalg.svd(a.T @ b)
     turn = vt.T @ np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
     return np.asarray((points - source.mean(axis=0)) @ turn.T + target.mean(axis=0))
-
-
-def _spelled(point: NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{number:.6g}" for number in point) + ")"
-
-
-def _first(lines: Iterable[str]) -> str:
-    lines = list(lines)
-    more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
-    return "; ".join(lines[:_SHOWN]) + more

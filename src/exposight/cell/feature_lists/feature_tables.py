@@ -14,11 +14,11 @@ from exposight.cell.feature_lists.feature_words import (
     COLUMNS,
     KINDS,
     NAMES,
-    first_of_several,
+    all_but_the_first,
     kind_of,
     known_columns,
 )
-from exposight.cell.feature_lists.listed_features import ListFaults, feature_rotation
+from exposight.cell.feature_lists.listed_features import ListFaults, listed_feature
 from exposight.cell.part import RULES, Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
 from exposight.files.reading import Reading, ambiguous, current_reading, recognised
@@ -26,7 +26,7 @@ from exposight.files.text_tables.columns import Matched, match_columns
 from exposight.files.text_tables.dialects import TextTable, parse_table
 from exposight.files.text_tables.encodings import decode
 from exposight.files.text_tables.written_numbers import is_plain
-from exposight.geometry import RigidTransform
+from exposight.tables import counted
 
 _SCALED = (0.5, 1.8)
 """Lengths of what is a direction that somebody did not scale to 1, such as (1, 1, 0)."""
@@ -138,9 +138,8 @@ def _from_header(data: bytes, path: Path, reading: Reading) -> tuple[bytes, list
     ]
     if not dashes and not above:
         return data, []
-    titles = len(above)
     kept = ["" if k in above or k in dashes else line for k, line in enumerate(lines)]
-    said = [f"{titles} line{'s' * (titles > 1)} above the names left out"] if titles else []
+    said = [f"{counted(len(above), 'line')} above the names left out"] if above else []
     said += [f"characters in {encoding}"] if encoding != "utf-8" else []
     return "\n".join(kept).encode(reading.encoding or "utf-8"), said
 
@@ -150,8 +149,7 @@ def _recognised(table: TextTable, path: Path, reading: Reading) -> _Columns:
     header = list(table.header)
     remarks = []
     for names in (NAMES, KINDS):
-        _, others = first_of_several(header, names)
-        for place in others:
+        for place in all_but_the_first(header, names):
             header[place] = ""
     # A single column may hold the whole normal.
     single = "normal" in known_columns(header) and not set(_NORMAL) & known_columns(header)
@@ -235,7 +233,7 @@ def _radii(
         radii = np.where(np.isfinite(radii), radii, halved)
     elif sized and "radius_mm" not in columns.matched:
         sizes = numbers["size_mm"]
-        header, factor = columns.matched["size_mm"].header, 1.0
+        header = columns.matched["size_mm"].header
         if reading.size is None:
             row = int(np.flatnonzero(np.isfinite(sizes))[0]) if np.isfinite(sizes).any() else 0
             name, size = names[row], float(sizes[row])
@@ -248,9 +246,8 @@ def _radii(
                     "diameter": f"{name} has a radius of {size / 2:g} mm",
                 },
             )
-        factor = 0.5 if reading.size == "diameter" else 1.0
         columns.remarks.append(f"{header} is a {reading.size}, as told")
-        radii = factor * sizes
+        radii = 0.5 * sizes if reading.size == "diameter" else sizes
     return radii
 
 
@@ -301,51 +298,29 @@ def _feature(
     finish: str,
     numbers: Mapping[str, float],
 ) -> Feature:
-    """Return the feature of a row.
-
-    Raises
-    ------
-    FormatError, FeatureError
-        If a number is missing or makes no sense.
-    """
-    known = cast("FeatureKind", kind)
-    if known not in RULES:
-        msg = f"the kind must be one of {', '.join(RULES)}, or a word for it, got {kind!r}"
-        raise FeatureError(msg)
-    rule = RULES[known]
+    """Return the feature of a row; FeatureError if a number is missing or makes no sense."""
+    long = kind in RULES and RULES[cast("FeatureKind", kind)].has_length
     length, width = numbers["length_mm"], numbers["width_mm"]
     if kind == "slot" and math.isfinite(width) and not math.isfinite(radius_mm):
         radius_mm = width / 2
     elif kind == "slot" and math.isfinite(radius_mm) and not math.isfinite(width):
         width = 2 * radius_mm
-    place = [numbers[axis] for axis in ("x_mm", "y_mm", "z_mm")]
-    direction = np.array([numbers[axis] for axis in ("tx", "ty", "tz")])
-    missing = [
-        column
-        for column, value in zip(
-            ("x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm"),
-            (*place, *normal.tolist(), radius_mm),
-            strict=True,
-        )
-        if not math.isfinite(value)
-    ]
-    if missing:
+    needed = {axis: numbers[axis] for axis in ("x_mm", "y_mm", "z_mm")}
+    needed |= dict(zip(_NORMAL, normal.tolist(), strict=True)) | {"radius_mm": radius_mm}
+    missing = [column for column, value in needed.items() if not math.isfinite(value)]
+    if missing and kind in RULES:
         msg = f"column {', '.join(missing)}: expected a number, got none"
         raise FeatureError(msg)
-    return Feature(
+    direction = np.array([numbers[axis] for axis in ("tx", "ty", "tz")])
+    return listed_feature(
         name=name,
-        kind=known,
-        part_from_feature=RigidTransform(
-            rotation=feature_rotation(
-                normal,
-                direction if np.isfinite(direction).any() else None,
-                needed_by=kind if rule.has_length else "",
-            ),
-            translation_mm=np.array(place),
-        ),
+        kind=kind,
+        place_mm=np.array([numbers[axis] for axis in ("x_mm", "y_mm", "z_mm")]),
+        normal=normal,
+        direction=direction if np.isfinite(direction).any() else None,
         radius_mm=radius_mm,
         # Of what has neither, 0 is as good as an empty cell.
-        length_mm=length if math.isfinite(length) and (length or rule.has_length) else None,
-        width_mm=width if math.isfinite(width) and (width or rule.has_length) else None,
+        length_mm=length if math.isfinite(length) and (length or long) else None,
+        width_mm=width if math.isfinite(width) and (width or long) else None,
         finish=finish,
     )

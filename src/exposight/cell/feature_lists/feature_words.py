@@ -113,45 +113,22 @@ COLUMNS: tuple[Wanted, ...] = (
 The last one is a whole normal in a single column: ``+Z``.
 """
 
-_KIND_WORDS: Mapping[FeatureKind, tuple[str, ...]] = {
-    "hole": (
-        *("hole", "holes", "circle", "kreis", "bohrung", "bore", "borehole", "round hole", "loch"),
-        *("rundloch", "drill hole", "drilled hole", "through hole", "durchgangsloch", "blind hole"),
-        *("durchgangsbohrung", "sackloch", "sackbohrung", "innenkreis", "inner circle", "circ"),
-        *(
-            "circle inner",
-            "circle inside",
-            "circular hole",
-            "inside circle",
-            "kreis innen",
-            "alésage",
-        ),
-        *("hole through", "hole blind", "trou", "foro", "cercle", "cerchio", "agujero", "círculo"),
-    ),
-    "slot": (
-        *("slot", "round slot", "slotted hole", "langloch", "oblong", "oblong hole", "obround"),
-        *(
-            "elongated hole",
-            "long hole",
-            "elongated circle",
-            "cparln",
-            "lumiere",
-            "asola",
-            "trou oblong",
-        ),
-    ),
-    "pocket": (
-        *("pocket", "tasche", "rectangle", "rechteck", "rectangular hole", "rechteckloch"),
-        *("square hole", "square slot", "quadratloch", "rectangular slot"),
-    ),
-    "sphere": ("sphere", "kugel", "ball", "sphère", "sfera", "reference sphere", "tooling ball"),
-    "surface_point": (
-        *("surface point", "surfacepoint", "point", "punkt", "flächenpunkt", "oberflächenpunkt"),
-        *("flaechenpunkt", "pt", "measuring point", "messpunkt"),
-    ),
+_KIND_WORDS: Mapping[FeatureKind, str] = {
+    "hole": "hole, holes, circle, kreis, bohrung, bore, borehole, round hole, loch, rundloch, "
+    "drill hole, drilled hole, through hole, durchgangsloch, blind hole, durchgangsbohrung, "
+    "sackloch, sackbohrung, innenkreis, inner circle, circ, circle inner, circle inside, "
+    "circular hole, inside circle, kreis innen, alésage, hole through, hole blind, trou, foro, "
+    "cercle, cerchio, agujero, círculo",
+    "slot": "slot, round slot, slotted hole, langloch, oblong, oblong hole, obround, "
+    "elongated hole, long hole, elongated circle, cparln, lumiere, asola, trou oblong",
+    "pocket": "pocket, tasche, rectangle, rechteck, rectangular hole, rechteckloch, square hole, "
+    "square slot, quadratloch, rectangular slot",
+    "sphere": "sphere, kugel, ball, sphère, sfera, reference sphere, tooling ball",
+    "surface_point": "surface point, surfacepoint, point, punkt, flächenpunkt, oberflächenpunkt, "
+    "flaechenpunkt, pt, measuring point, messpunkt",
 }
 _BY_WORD: Mapping[str, FeatureKind] = {
-    plain_name(word): kind for kind, words in _KIND_WORDS.items() for word in words
+    plain_name(word): kind for kind, words in _KIND_WORDS.items() for word in words.split(", ")
 }
 
 
@@ -163,12 +140,11 @@ def kind_of(word: str) -> FeatureKind | None:
     return kind
 
 
-def first_of_several(header: Sequence[str], names: Sequence[str]) -> tuple[int | None, list[int]]:
-    """Return which of a header's columns is the first in a list of names, and the others of it."""
+def all_but_the_first(header: Sequence[str], names: Sequence[str]) -> list[int]:
+    """Return which columns are in a list of names, without the one that is first in it."""
     order = {plain_name(name): place for place, name in reversed(list(enumerate(names)))}
     places = [k for k, name in enumerate(header) if plain_name(name) in order]
-    places.sort(key=lambda k: order[plain_name(header[k])])
-    return (places[0], places[1:]) if places else (None, [])
+    return sorted(places, key=lambda k: order[plain_name(header[k])])[1:]
 
 
 _BY_NAME: Mapping[str, str] = {

@@ -1,16 +1,18 @@
-"""What all readers of lists of features share: orientation from the normal, faults all at once."""
+"""What all readers of lists of features share: a feature from its row, faults all at once."""
 
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exposight.cell.part import RULES, Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError
 from exposight.files.text_tables.written_numbers import stand_ins
-from exposight.geometry import rotation_facing
+from exposight.geometry import RigidTransform, rotation_facing
 
 _NORMAL_TOLERANCE = 0.05
 """How far a normal's length may be from 1: normals printed with one decimal are off by up to 4 %,
@@ -23,25 +25,56 @@ _SHOWN = 10
 """Faults of a list that are told one by one."""
 
 
-def feature_rotation(
-    normal: NDArray[np.float64], direction: NDArray[np.float64] | None, *, needed_by: str = ""
-) -> NDArray[np.float64]:
-    """Return the (3, 3) orientation of a feature, part_from_feature.
+def listed_feature(
+    *,
+    name: str,
+    kind: str,
+    place_mm: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    direction: NDArray[np.float64] | None,
+    radius_mm: float,
+    length_mm: float | None,
+    width_mm: float | None,
+    finish: str = "",
+) -> Feature:
+    """Return the feature that an entry of a list describes.
 
     Parameters
     ----------
+    name, kind, radius_mm, length_mm, width_mm, finish
+        As of `Feature`.
+    place_mm : (3,) ndarray
     normal : (3,) ndarray
         Outward surface normal.
     direction : (3,) ndarray or None
         Of the length, in the surface.
-    needed_by : str
-        The kind that needs a direction; empty where it may be left out.
 
     Raises
     ------
     FeatureError
-        If the normal is not of length 1, or the direction is missing or leaves the surface.
+        If there is no such kind, the normal is not of length 1, the direction is missing or leaves
+        the surface, or sizes make no sense.
     """
+    known = cast("FeatureKind", kind)
+    if known not in RULES:
+        msg = f"the kind must be one of {', '.join(RULES)}, or a word for it, got {kind!r}"
+        raise FeatureError(msg)
+    rotation = _rotation(normal, direction, needed_by=kind if RULES[known].has_length else "")
+    return Feature(
+        name=name,
+        kind=known,
+        part_from_feature=RigidTransform(rotation=rotation, translation_mm=place_mm),
+        radius_mm=radius_mm,
+        length_mm=length_mm,
+        width_mm=width_mm,
+        finish=finish,
+    )
+
+
+def _rotation(
+    normal: NDArray[np.float64], direction: NDArray[np.float64] | None, *, needed_by: str
+) -> NDArray[np.float64]:
+    """Return the (3, 3) orientation of a feature, part_from_feature."""
     length = float(np.linalg.norm(normal))
     if not abs(length - 1) <= _NORMAL_TOLERANCE:
         msg = f"the outward normal (nx, ny, nz) must have length 1, got {length:g}"
@@ -60,6 +93,11 @@ def feature_rotation(
         )
         raise FeatureError(msg)
     return rotation_facing(-normal, direction)
+
+
+def left_out(counts: Mapping[str, int]) -> str:
+    """Return how many entries of which kinds were not read."""
+    return ", ".join(f"{n} {what}" for what, n in counts.items())
 
 
 class ListFaults:

@@ -11,11 +11,10 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.cell.feature_lists.listed_features import ListFaults, feature_rotation
-from exposight.cell.part import RULES, Feature, FeatureKind
+from exposight.cell.feature_lists.listed_features import ListFaults, left_out, listed_feature
+from exposight.cell.part import Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
 from exposight.files import Reading, recognised
-from exposight.geometry import RigidTransform
 
 _Node: TypeAlias = ElementTree.Element
 
@@ -117,12 +116,12 @@ def features_from_qif(data: bytes, path: Path, reading: Reading) -> tuple[Featur
     faults.add_repeated(names, range(1, len(names) + 1))
     faults.settle()
     if not features:
-        found = ", ".join(f"{n} {what}" for what, n in left.items()) or "none at all"
+        found = left_out(left) or "none at all"
         msg = f"{path}: expected nominal circles or slots (CircleFeatureNominal), got {found}"
         raise FeatureError(msg)
     remarks = ["QIF document", f"lengths in {units.primary}"]
     if left:
-        remarks.append(f"not read: {', '.join(f'{n} {what}' for what, n in left.items())}")
+        remarks.append(f"not read: {left_out(left)}")
     if reading.normals == "inward":
         remarks.append("normals turned outward, as told")
     recognised(path, *remarks)
@@ -200,17 +199,12 @@ def _feature(
         radius = width / 2
         ends = _child(definition, "EndType")
         kind, radius = _ended("".join(ends.itertext()).strip() if ends is not None else "", radius)
-    return Feature(
+    return listed_feature(
         name=name,
         kind=kind,
-        part_from_feature=RigidTransform(
-            rotation=feature_rotation(
-                0.0 - normal if inward else normal,
-                direction,
-                needed_by=kind if RULES[kind].has_length else "",
-            ),
-            translation_mm=place,
-        ),
+        place_mm=place,
+        normal=0.0 - normal if inward else normal,
+        direction=direction,
         radius_mm=radius,
         length_mm=length,
         width_mm=width,

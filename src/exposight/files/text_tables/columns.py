@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from pathlib import Path
-from types import MappingProxyType
 
 from exposight.errors import FormatError
 from exposight.files.reading import Reading, ambiguous, current_reading
@@ -26,56 +25,10 @@ _SHOWN = 16
 _SLIP = 0.85
 """Likeness of a slip: one letter of seven."""
 
-_KNOWN_STEMS = frozenset(
-    [
-        "x",
-        "y",
-        "z",
-        "i",
-        "j",
-        "k",
-        "u",
-        "v",
-        "w",
-        "p",
-        "r",
-        "a",
-        "b",
-        "c",
-        "g",
-        "red",
-        "green",
-        "blue",
-        "nx",
-        "ny",
-        "nz",
-        "normalx",
-        "normaly",
-        "normalz",
-        "tx",
-        "ty",
-        "tz",
-        "intensity",
-        "name",
-        "kind",
-        "type",
-        "row",
-        "col",
-        "column",
-        "feature",
-        "view",
-        "exposure",
-        "radius",
-        "diameter",
-        "qx",
-        "qy",
-        "qz",
-        "qw",
-        "rx",
-        "ry",
-        "rz",
-        "index",
-    ]
+_KNOWN_STEMS = (
+    "x y z i j k u v w p r a b c g red green blue nx ny nz normalx normaly normalz tx ty tz rx ry "
+    "rz qx qy qz qw intensity name kind type row col column feature view exposure radius diameter "
+    "index"
 )
 
 
@@ -276,7 +229,7 @@ def _unfound(
     absent = [column for column in wanted if column.name not in found]
     meant: set[str] = set()
     for name in unknown:
-        likely = _likely(name, [column.name for column in absent])
+        likely = likely_column(name, [column.name for column in absent])
         hint = unit_hint(name, [column.name for column in absent])
         if likely:
             meant.add(likely)
@@ -284,7 +237,7 @@ def _unfound(
         elif hint:
             faults.append(f"column {hint}")
         elif not further:
-            close = _likely(name, [column.name for column in wanted], least=0.6)
+            close = likely_column(name, [column.name for column in wanted], least=0.6)
             faults.append(
                 f"unknown column {name!r}" + (f"; did you mean {close!r}?" if close else "")
             )
@@ -294,8 +247,11 @@ def _unfound(
     return faults
 
 
-def _likely(name: str, others: Sequence[str], least: float = _SLIP) -> str:
-    """Return the column that a name seems to be a slip of; other digits are another column."""
+def likely_column(name: str, others: Sequence[str], least: float = _SLIP) -> str:
+    """Return the column that a name seems to be a slip of; empty where it is another.
+
+    Other digits are another column (``i_p25`` is not ``i_p05``), and so is one with a further word.
+    """
     digits = re.sub(r"\D", "", name)
     scored = [
         (SequenceMatcher(None, plain_name(name), plain_name(other)).ratio(), other)
@@ -347,13 +303,10 @@ def _matched(
     canonical = CANONICAL.get(column.quantity, "")
     if unit is not None:
         own, factor = units[unit]
-        other = (
-            f"{name} is {column.name}" if factor == 1.0 else f"{name} converted to {column.name}"
-        )
-        plain = plain_name(name) == plain_name(column.name) and factor == 1.0
-        return Matched(
-            index=place, header=name, factor=factor, unit=own, remark="" if plain else other
-        )
+        remark = f"{name} {'is' if factor == 1.0 else 'converted to'} {column.name}"
+        if plain_name(name) == plain_name(column.name) and factor == 1.0:
+            remark = ""
+        return Matched(index=place, header=name, factor=factor, unit=own, remark=remark)
     question = ANSWERED.get(column.quantity)
     answer = None if question is None else getattr(reading, question)
     if answer is not None:
@@ -371,9 +324,10 @@ def _matched(
 def looks_like_names(line: str) -> bool:
     """Return whether a comment names columns: most of its words are such names."""
     words = [word for word in re.split(r"[\s;,|]+", line.strip()) if not is_unit(word)]
+    stems = _KNOWN_STEMS.split()
     known = [
         any(
-            plain_name(stem) in _KNOWN_STEMS
+            plain_name(stem) in stems
             for stem in (word, *(stem for stem, _ in stems_and_units(word)))
         )
         for word in words
@@ -381,78 +335,19 @@ def looks_like_names(line: str) -> bool:
     return len(known) > 1 and 2 * sum(known) > len(known)
 
 
-_MISTAKEN: Mapping[str, frozenset[str]] = MappingProxyType(
-    {
-        "mm": frozenset({"m", "cm", "um", "µm", "in", "inch", "inches", "metre", "meter"}),
-        "ms": frozenset({"s", "sec", "us", "µs", "ns", "min"}),
-        "deg": frozenset({"rad", "mrad", "degree", "degrees"}),
-    }
-)
-"""Units of columns, each with others that it is mistaken for."""
-
-
-def check_columns(
-    received: Sequence[str],
-    *,
-    required: Sequence[str],
-    optional: Sequence[str],
-    source: Path,
-) -> None:
-    """Check the names of a CSV file's columns.
-
-    Parameters
-    ----------
-    received : sequence of str
-        The first line's cells.
-    required : sequence of str
-        Columns that must be there, in this order.
-    optional : sequence of str
-        Columns that may follow, in this order.
-    source : Path
-        The file, for messages.
-
-    Raises
-    ------
-    FormatError
-        If the columns are others. The message lists expected and received ones, and says which
-        have another unit.
-    """
-    expected = [*required, *(column for column in optional if column in received)]
-    if list(received) == expected:
-        return
-    spelled = ",".join(required) + "".join(f"[,{column}]" for column in optional)
-    msg = f"{source}: expected the columns {spelled}, got {','.join(received)}"
-    known = (*required, *optional)
-    hints = [unit_hint(column, known) for column in received if column not in known]
-    if len(received) == 1 and ";" in received[0]:
-        hints = ["the columns are separated by semicolons: save the file with commas"]
-    elif len(set(received)) == len(received) and set(received) == set(expected):
-        hints = ["the columns are right and their order is not: sort them"]
-    raise FormatError("; ".join([msg, *filter(None, hints)]))
-
-
 def unit_hint(column: str, known: Iterable[str]) -> str:
-    """Return what to do about a column that is a known one in another unit or without a unit.
+    """Return what to do about a column, such as ``x_m``, that is a known one but for its unit.
 
-    Parameters
-    ----------
-    column : str
-        An unknown column, such as ``x_m``.
-    known : iterable of str
-        Known columns, whose names end with their units: ``x_mm``.
-
-    Returns
-    -------
-    str
-        Empty where the column is something else.
+    Empty where it is something else; the known columns' names end with their units: ``x_mm``.
     """
     for name in known:
         stem, _, unit = name.rpartition("_")
-        if unit not in _MISTAKEN or column == name:
+        quantity = next((each for each, own in CANONICAL.items() if own == unit), None)
+        if quantity is None or column == name:
             continue
         if column.lower() == stem.lower():
             return f"{column} has no unit: convert to {unit} if it is not, and name it {name}"
         other = column.lower().removeprefix(f"{stem.lower()}_")
-        if other in _MISTAKEN[unit]:
+        if other.replace("µ", "u") in UNITS[quantity] and other != unit:
             return f"{column} is in {other}: convert to {unit} and name it {name}"
     return ""

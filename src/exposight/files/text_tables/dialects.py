@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exposight.errors import FormatError, did_you_mean
+from exposight.errors import FormatError, did_you_mean, first_ten
 from exposight.files.durable import read_bytes
 from exposight.files.reading import Reading, current_reading, recognised
 from exposight.files.text_tables.column_units import is_unit
@@ -77,8 +77,10 @@ class TextTable:
         place = self._place(column)
         return [row[place] for row in self.rows]
 
-    def numbers(self, *columns: str | int) -> NDArray[np.float64]:
+    def numbers(self, *columns: str | int, rows: int | None = None) -> NDArray[np.float64]:
         """Return the numbers of a column, (n,), or of several, (n, k); NaN where a cell is empty.
+
+        With `rows`, of the first rows only.
 
         Raises
         ------
@@ -88,17 +90,17 @@ class TextTable:
         read, faults = [], []
         for column in columns:
             place = self._place(column)
-            cells = [row[place] for row in self.rows]
+            cells = [row[place] for row in self.rows[:rows]]
             values, wrong = to_numbers(cells, self.decimal, self.thousands)
             read.append(values)
             name = self.header[place] if self.header else f"column {place + 1}"
             faults += [(self.lines[row], name, cells[row]) for row in wrong]
         if faults:
             faults.sort(key=lambda fault: fault[0])
-            shown = ", ".join(f"line {line}, {name}: {cell!r}" for line, name, cell in faults[:10])
-            more = f" and {len(faults) - 10} more" if len(faults) > 10 else ""
+            shown = [f"line {line}, {name}: {cell!r}" for line, name, cell in faults]
             msg = (
-                f"{self.source}: expected numbers with a decimal {self.decimal}, got {shown}{more}"
+                f"{self.source}: expected numbers with a decimal {self.decimal}, got "
+                f"{first_ten(shown, ', ')}"
             )
             raise FormatError(msg)
         if len(read) == 1:
@@ -170,7 +172,7 @@ def parse_table(
     width = layout.candidate.columns
     plain = frozenset("0123456789" if "#" not in text else "")  # 1.#QNAN begins with a digit
     rows = [
-        [cell if cell[:1] in plain else _known(cell) for cell in cells[:width]]
+        ["" if cell[:1] not in plain and is_missing(cell) else cell for cell in cells[:width]]
         for cells in layout.rows
     ]
     names, numbers = layout.names, layout.numbers
@@ -210,10 +212,6 @@ def _lines(text: str) -> list[str]:
         else:
             lines[first : last + 1] = [line, *[""] * (last - first)]
     return lines
-
-
-def _known(cell: str) -> str:
-    return "" if is_missing(cell) else cell
 
 
 def _without_units(

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from exposight.errors import FormatError
+from exposight.errors import FormatError, first_ten
 from exposight.files.reading import Reading, ambiguous
 from exposight.files.text_tables.splits import MARKS, Candidate, Split
 from exposight.files.text_tables.written_numbers import is_missing, is_plain, thousands_mark
@@ -328,8 +328,7 @@ def _no_split(
         if mark == "comma":
             msg += "; decimal commas in a table separated by commas must be quoted"
     else:
-        msg = ragged_rows(best, lines, numbers)
-        msg = f"{source}: {msg}"
+        msg = f"{source}: {ragged_rows(best, lines, numbers)}"
     return FormatError(msg)
 
 
@@ -337,14 +336,12 @@ def ragged_rows(candidate: Candidate, lines: Sequence[str], numbers: Sequence[in
     """Return which lines have other numbers of cells than most."""
     split = candidate.split
     wrong = [
-        (number, len(cells))
+        f"line {number} has {len(cells)}"
         for number, line in zip(numbers, lines, strict=True)
         for cells in [split.cells(line)]
         if len(cells) < candidate.columns or any(cells[candidate.columns :])
     ]
-    shown = ", ".join(f"line {number} has {count}" for number, count in wrong[:10])
-    more = f" and {len(wrong) - 10} more" if len(wrong) > 10 else ""
     return (
         f"expected {candidate.columns} cells (separated by {split.separator}) on every line, "
-        f"{shown}{more}"
+        f"{first_ten(wrong, ', ')}"
     )

@@ -29,23 +29,11 @@ _WINDOW = 2**13
 _WINDOWS = 6
 """Bytes of the start, and of as many places after it, from which the dialect is recognised."""
 
-_MISSING_WORDS = [
-    *(
-        "nan",
-        "NaN",
-        "NAN",
-        "-nan",
-        "+nan",
-        "-NaN",
-        "nan(ind)",
-        "-nan(ind)",
-        "-nan(snan)",
-        "nan(snan)",
-    ),
-    *("-NaN(ind)", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "1.#IND00", "-1.#IND00", "1.#QNAN0"),
-    *("-1.#QNAN0", "1.#SNAN", "NA", "N/A", "n/a", "#N/A", "#NV", "#DIV/0!", "NULL", "null", "Null"),
-    *("None", "none", "-", "--"),
-]
+_MISSING_WORDS = (
+    "nan NaN NAN -nan +nan -NaN nan(ind) -nan(ind) -nan(snan) nan(snan) -NaN(ind) 1.#QNAN -1.#QNAN "
+    "1.#IND -1.#IND 1.#IND00 -1.#IND00 1.#QNAN0 -1.#QNAN0 1.#SNAN NA N/A n/a #N/A #NV #DIV/0! NULL "
+    "null Null None none - --"
+)
 
 
 class SampleError(FormatError):
@@ -60,7 +48,7 @@ class SampledTable:
     ----------
     header : tuple of str
         Empty where it has none.
-    width : int
+    columns : int
         Number of columns.
     remarks : tuple of str
         What was recognised.
@@ -73,7 +61,7 @@ class SampledTable:
     """
 
     header: tuple[str, ...]
-    width: int
+    columns: int
     remarks: tuple[str, ...]
     body: bytes = field(repr=False)
     mark: str
@@ -88,7 +76,7 @@ class SampledTable:
             If one holds something else, or rows have other numbers of cells: reading line by line
             tells which.
         """
-        names = [f"column_{place + 1}" for place in range(self.width)]
+        names = [f"column_{place + 1}" for place in range(self.columns)]
         wanted = [names[place] for place in dict.fromkeys(places)]
         try:
             frame = pl.read_csv(
@@ -98,7 +86,7 @@ class SampledTable:
                 quote_char=None,
                 columns=wanted,
                 schema={name: pl.Float64 if name in wanted else pl.String for name in names},
-                null_values=_MISSING_WORDS,
+                null_values=_MISSING_WORDS.split(),
                 n_rows=rows,
             )
         except pl.exceptions.PolarsError as error:
@@ -152,7 +140,7 @@ def sample_table(
     remarks = [remark, *layout.remarks, *(["a line that counts the rows"] if told else [])]
     return SampledTable(
         header=tuple(layout.names),
-        width=candidate.columns,
+        columns=candidate.columns,
         remarks=tuple(filter(None, remarks)),
         body=plain,
         mark=mark,

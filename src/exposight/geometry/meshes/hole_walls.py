@@ -99,7 +99,7 @@ def hole_walls(
 ) -> tuple[list[HoleWall], int]:
     """Return the walls of holes, slots and cutouts, and how many more are of another outline."""
     mesh, edges = mended.mesh, mended.edges
-    bends = bend_deg(mesh.vertices, mesh.faces, mended.normals, edges)
+    bends = bend_deg(mesh.vertices, mended.normals, edges)
     inner = np.isfinite(bends)
     if _is_noisy(bends[inner]):
         progress("smoothing normals", 0, 0)
@@ -107,7 +107,7 @@ def hole_walls(
             mended.normals, mended.areas, edges.sides, edges.of_faces, _SMOOTH_DEG, _SMOOTH_ROUNDS
         )
         mended = replace(mended, normals=normals)
-        bends = bend_deg(mesh.vertices, mesh.faces, normals, edges)
+        bends = bend_deg(mesh.vertices, normals, edges)
     usual = float(np.median(np.abs(bends[inner]))) if inner.any() else 0.0
     convex = max(min(_CONVEX_DEG, -5 * usual), _MOST_CONVEX_DEG)
     joins = inner & (bends > convex) & (bends < _CONCAVE_DEG)

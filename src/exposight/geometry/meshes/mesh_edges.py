@@ -44,27 +44,6 @@ def mesh_edges(faces: NDArray[np.int32], n_vertices: int) -> MeshEdges:
     return MeshEdges(ends=ends, sides=sides, n_faces=n_faces, same_way=same_way, of_faces=of_faces)
 
 
-def face_normals(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the triangles' unit normals (m, 3), 0 without area, and their areas (m,) mm²."""
-    return _normals(vertices, faces)
-
-
-def bend_deg(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    normals: NDArray[np.float64],
-    edges: MeshEdges,
-) -> NDArray[np.float32]:
-    """Return by how much a surface bends at each edge (k,), degrees.
-
-    Above 0 where it is concave as in an inner corner, below 0 where it is convex, NaN where not
-    exactly two triangles that run the same way round meet.
-    """
-    return _bends(vertices, faces, normals, edges.ends, edges.sides, edges.n_faces, edges.same_way)
-
-
 @njit(error_model="numpy")
 def weld(vertices: NDArray[np.float64], cell_mm: float) -> NDArray[np.int32]:
     """Return for each vertex (n,) the first one that is in the same cell of a grid."""
@@ -163,23 +142,17 @@ def _edges(
 
 
 @njit(error_model="numpy")
-def _normals(
+def face_normals(
     vertices: NDArray[np.float64], faces: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the triangles' unit normals (m, 3), 0 without area, and their areas (m,) mm²."""
     normals = np.zeros((len(faces), 3))
     areas = np.zeros(len(faces))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = (
-            vertices[b, 0] - vertices[a, 0],
-            vertices[b, 1] - vertices[a, 1],
-            vertices[b, 2] - vertices[a, 2],
-        )
-        vx, vy, vz = (
-            vertices[c, 0] - vertices[a, 0],
-            vertices[c, 1] - vertices[a, 1],
-            vertices[c, 2] - vertices[a, 2],
-        )
+        p, q, r = vertices[a], vertices[b], vertices[c]
+        ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         length = math.sqrt(x * x + y * y + z * z)
         areas[f] = length / 2
@@ -188,10 +161,20 @@ def _normals(
     return normals, areas
 
 
+def bend_deg(
+    vertices: NDArray[np.float64], normals: NDArray[np.float64], edges: MeshEdges
+) -> NDArray[np.float32]:
+    """Return by how much a surface bends at each edge (k,), degrees.
+
+    Above 0 where it is concave as in an inner corner, below 0 where it is convex, NaN where not
+    exactly two triangles that run the same way round meet.
+    """
+    return _bends(vertices, normals, edges.ends, edges.sides, edges.n_faces, edges.same_way)
+
+
 @njit(error_model="numpy")
 def _bends(
     vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
     normals: NDArray[np.float64],
     ends: NDArray[np.int32],
     sides: NDArray[np.int32],

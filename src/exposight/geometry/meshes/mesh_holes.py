@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exposight.geometry.meshes.hole_walls import HoleWall, WallEnd, hole_walls
 from exposight.geometry.meshes.mesh_edges import joined_points
 from exposight.geometry.meshes.mesh_mending import MendedMesh
-from exposight.geometry.meshes.rim_shapes import fit_rim
+from exposight.geometry.meshes.rim_shapes import RimShape, fit_rim
 from exposight.tables import counted
 from exposight.workers import Progress, ignore_progress
 
@@ -212,30 +212,45 @@ def _opening(
     beyond = end.break_mm
     if beyond > max(BREAK_SHARE * shape.width_mm / 2, BREAK_MM):
         edge = f"countersunk from {shape.radius_mm:.4g} mm"
-        grown = replace(
+        shape = replace(
             shape,
             length_mm=shape.length_mm + 2 * beyond,
             width_mm=shape.width_mm + 2 * beyond,
             radius_mm=shape.radius_mm + beyond,
         )
-        shape = grown
     elif beyond > 0.01:
         edge = f"{edge + ', ' if edge else ''}edge broken {beyond:.2g} mm"
-    angle = shape.direction_rad
-    direction = np.array([math.cos(angle), math.sin(angle), 0.0]) @ wall.axes
-    return Opening(
-        hole=number,
-        outline=shape.outline,
-        centre_mm=_place(wall, end),
+    return replace(
+        _outlined(shape, number, _place(wall, end), wall.axes, end.n_points),
         normal=outward,
-        direction=direction,
-        radius_mm=shape.radius_mm,
-        length_mm=shape.length_mm,
-        width_mm=shape.width_mm,
         depth=depth,
         depth_mm=depth_mm,
         edge=edge,
-        n_points=end.n_points,
+    )
+
+
+def _outlined(
+    shape: RimShape,
+    number: int,
+    centre_mm: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    n_points: int,
+) -> Opening:
+    """Return an outline across axes (3, 3), of which the last is outward, as a sheet's opening."""
+    angle = shape.direction_rad
+    return Opening(
+        hole=number,
+        outline=shape.outline,
+        centre_mm=centre_mm,
+        normal=axes[2],
+        direction=np.array([math.cos(angle), math.sin(angle), 0.0]) @ axes,
+        radius_mm=shape.radius_mm,
+        length_mm=shape.length_mm,
+        width_mm=shape.width_mm,
+        depth="sheet",
+        depth_mm=0.0,
+        edge="",
+        n_points=n_points,
         rms_mm=shape.rms_mm,
     )
 
@@ -292,22 +307,8 @@ def _rim_on_sheet(
     shape = fit_rim(places[:, :2], local.reshape(-1, 2))
     if shape is None or np.abs(places[:, 2]).max() > 0.2 * shape.width_mm:
         return None
-    angle = shape.direction_rad
-    return Opening(
-        hole=number,
-        outline=shape.outline,
-        centre_mm=centre + np.array([*shape.centre_mm, 0.0]) @ axes,
-        normal=axes[2],
-        direction=np.array([math.cos(angle), math.sin(angle), 0.0]) @ axes,
-        radius_mm=shape.radius_mm,
-        length_mm=shape.length_mm,
-        width_mm=shape.width_mm,
-        depth="sheet",
-        depth_mm=0.0,
-        edge="",
-        n_points=len(corners),
-        rms_mm=shape.rms_mm,
-    )
+    place = centre + np.array([*shape.centre_mm, 0.0]) @ axes
+    return _outlined(shape, number, place, axes, len(corners))
 
 
 def _balls(mended: MendedMesh, first: int) -> list[Opening]:

@@ -1,6 +1,6 @@
 """Meshes as CAD programs and scanners leave them, made fit to be searched; faults are counted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from exposight.geometry.meshes.mesh_edges import (
     repeated_faces,
     weld,
 )
-from exposight.geometry.meshes.triangle_meshes import Mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh, spelled
 from exposight.tables import count, counted
 
 CRACK_MM = 0.01
@@ -95,7 +95,7 @@ def mend_mesh(mesh: Mesh, source: str = "the mesh") -> MendedMesh:
     flipped, body, one_sided = _flipped(edges.sides, edges.of_faces, edges.n_faces, edges.same_way)
     if one_sided >= 0:
         msg = (
-            f"{source}: the surface at {_spelled(joined.vertices[joined.faces[one_sided, 0]])} mm "
+            f"{source}: the surface at {spelled(joined.vertices[joined.faces[one_sided, 0]])} mm "
             "has but one side, as a Möbius strip has, so that inside and outside cannot be told; "
             "export it again"
         )
@@ -105,9 +105,7 @@ def mend_mesh(mesh: Mesh, source: str = "the mesh") -> MendedMesh:
     flipped = _turned_outward(joined, flipped, body, closed, notes)
     faces = joined.faces.copy()
     faces[flipped] = faces[flipped][:, ::-1]
-    joined = Mesh(
-        vertices=joined.vertices, faces=faces, finish=joined.finish, colours=joined.colours
-    )
+    joined = replace(joined, faces=faces)
     if flipped.any():
         edges = mesh_edges(faces, len(joined.vertices))
     normals, areas = face_normals(joined.vertices, faces)
@@ -127,20 +125,7 @@ def _share(which: NDArray[np.bool_]) -> str:
 
 
 def _places(mesh: Mesh, edges: MeshEdges, which: NDArray[np.bool_]) -> str:
-    return _spelled(mesh.vertices[edges.ends[np.flatnonzero(which)[0], 0]])
-
-
-def _spelled(point: NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{number:.6g}" for number in point) + ")"
-
-
-def _selected(mesh: Mesh, faces: NDArray[np.int32], keep: NDArray[np.bool_]) -> Mesh:
-    return Mesh(
-        vertices=mesh.vertices,
-        faces=faces[keep],
-        finish=None if mesh.finish is None else mesh.finish[keep],
-        colours=None if mesh.colours is None else mesh.colours[keep],
-    )
+    return spelled(mesh.vertices[edges.ends[np.flatnonzero(which)[0], 0]])
 
 
 def _renumbered(mesh: Mesh, first: NDArray[np.int32]) -> Mesh:
@@ -153,13 +138,8 @@ def _renumbered(mesh: Mesh, first: NDArray[np.int32]) -> Mesh:
     collapsed = (
         (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
     )
-    mesh = Mesh(
-        vertices=np.ascontiguousarray(mesh.vertices[used]),
-        faces=faces,
-        finish=mesh.finish,
-        colours=mesh.colours,
-    )
-    return mesh if not collapsed.any() else _selected(mesh, faces, ~collapsed)
+    mesh = replace(mesh, vertices=np.ascontiguousarray(mesh.vertices[used]), faces=faces)
+    return mesh.with_faces(~collapsed) if collapsed.any() else mesh
 
 
 def _without_repeated(mesh: Mesh, notes: list[str]) -> Mesh:
@@ -167,7 +147,7 @@ def _without_repeated(mesh: Mesh, notes: list[str]) -> Mesh:
     if not repeated.any():
         return mesh
     notes.append(f"{counted(int(repeated.sum()), 'repeated triangle')} dropped")
-    return _selected(mesh, mesh.faces, ~repeated)
+    return mesh.with_faces(~repeated)
 
 
 def _cracks_closed(mesh: Mesh, edges: MeshEdges, notes: list[str]) -> tuple[Mesh, MeshEdges]:
@@ -217,14 +197,10 @@ def _gaps_filled(mesh: Mesh, edges: MeshEdges, notes: list[str]) -> tuple[Mesh, 
     first, second = ends[:, 0, 0], ends[:, 0, 1]
     third = ends.reshape(-1, 6).sum(axis=1) // 2 - first - second
     faces = np.column_stack([second, first, third])
-    like = beside[order][:, 0]
     notes.append(f"{counted(len(faces), 'missing triangle')} filled in")
-    mesh = Mesh(
-        vertices=mesh.vertices,
-        faces=np.concatenate([mesh.faces, faces]).astype(np.int32),
-        finish=None if mesh.finish is None else np.append(mesh.finish, mesh.finish[like]),
-        colours=None if mesh.colours is None else np.vstack([mesh.colours, mesh.colours[like]]),
-    )
+    n_faces = len(mesh.faces)
+    mesh = mesh.with_faces(np.append(np.arange(n_faces), beside[order][:, 0]))
+    mesh.faces[n_faces:] = faces
     return mesh, mesh_edges(mesh.faces, len(mesh.vertices))
 
 
