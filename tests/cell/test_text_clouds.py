@@ -188,3 +188,43 @@ def test_a_wrong_line_of_a_large_file_is_named(tmp_path, monkeypatch, line):
     text[1700] = line
     with pytest.raises(FormatError, match="line 1701"):
         read(tmp_path, text)
+
+
+GRID = np.array([[x, y + 0.5, 480.25 + 0.125 * x] for x in range(-5, 5) for y in range(-4, 4)])
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        np.arange(80)[:, None] % 7,
+        np.arange(80)[:, None] % 7 / 8,
+        np.tile([90, 120, 7], (80, 1)) + np.arange(80)[:, None],
+        np.tile([0.0, 0.6, -0.8], (80, 1)),
+    ],
+)
+def test_grey_levels_and_normals_before_x_y_z_are_asked_about(tmp_path, before):
+    rows = [" ".join(f"{x:g}" for x in row) for row in np.hstack([before, GRID])]
+    with pytest.raises(FormatError, match="name the columns"):
+        read(tmp_path, rows)
+    turned = [" ".join(f"{x:g}" for x in row) for row in np.hstack([GRID, before])]
+    np.testing.assert_allclose(read(tmp_path, turned), GRID, atol=1e-3)
+
+
+@pytest.mark.parametrize("mark", ["-999", "9999", "1e10", "-9999.0"])
+def test_points_at_one_place_are_missing(tmp_path, mark):
+    rows = [" ".join(f"{x:g}" for x in point) for point in GRID]
+    rows[::9] = [" ".join([mark] * 3)] * len(rows[::9])
+    with collected_remarks() as remarks:
+        points = read(tmp_path, rows)
+    assert np.isnan(points[::9]).all()
+    assert np.isfinite(np.delete(points, np.s_[::9], axis=0)).all()
+    assert "9 points at" in "".join(remarks)
+
+
+def test_a_unit_in_a_comment_is_the_unit(tmp_path):
+    rows = [" ".join(f"{x / 1000:.7g}" for x in point) for point in GRID]
+    for head in ("# unit: m", "// Units = [m]"):
+        points = read(tmp_path, ["# GOM", head, *rows])
+        np.testing.assert_allclose(points, GRID, atol=1e-3)
+    with pytest.raises(CloudError, match="cannot be cm"):
+        read(tmp_path, ["# unit: m", *rows], unit="cm")

@@ -21,6 +21,7 @@ from pypcd4.pypcd4 import Encoding, PointCloud
 
 from exposight.cell.cloud import Cloud
 from exposight.cell.cloud_formats.e57 import SIGNATURE, points_from_e57, split_scan
+from exposight.cell.cloud_formats.fill_points import fill_point
 from exposight.cell.cloud_formats.pcd import is_pcd, points_from_pcd
 from exposight.cell.cloud_formats.ply import ply_from_points, points_from_ply
 from exposight.cell.cloud_formats.text_clouds import TEXT_SUFFIXES, points_from_text
@@ -94,6 +95,7 @@ def read_cloud(
             unit = "mm"
         else:
             cloud = _READERS[kind](data, path)
+        cloud = _without_fill(cloud, path)
         if unit != "mm":
             cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
         if tuple(axes) != ("x", "y", "z"):
@@ -104,6 +106,21 @@ def read_cloud(
     except CloudError as error:
         msg = f"{path}: {error}"
         raise CloudError(msg) from error
+
+
+def _without_fill(cloud: Cloud, path: Path) -> Cloud:
+    """Return a cloud without points at a place that stands for missing ones."""
+    place = fill_point(cloud.points)
+    if place is None:
+        return cloud
+    missing = (cloud.points == place).all(axis=-1)
+    shown = ", ".join(f"{x:g}" for x in place)
+    recognised(path, f"{missing.sum()} points at ({shown}) taken as missing")
+    points = np.where(missing[..., None], np.float32(np.nan), cloud.points)
+    sigma = cloud.sigma_z_mm
+    return Cloud(
+        points=points, sigma_z_mm=None if sigma is None else np.where(missing, np.nan, sigma)
+    )
 
 
 def write_cloud(path: Path, cloud: Cloud) -> None:

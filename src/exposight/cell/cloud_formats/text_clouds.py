@@ -7,6 +7,7 @@ the lines that are wrong.
 """
 
 import contextlib
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -55,6 +56,12 @@ _PIXELS = (
         required=False,
     ),
 )
+_HEAD = 4096
+_UNIT_COMMENT = re.compile(
+    r"^\W*(?:#|//|%)[ \t]*(?:length )?units?[ \t]*[:=][ \t]*[\[(\"]?(mm|cm|m|in|inch)\b",
+    re.IGNORECASE | re.MULTILINE,
+)
+
 _MOST_PIXELS = 2**28
 """Pixels of an image beyond which rows and columns are taken for something else."""
 
@@ -98,7 +105,11 @@ def points_from_text(
     CloudError
         If its header tells another unit than `unit`, or two points are at one pixel.
     """
-    reading = current_reading(Reading(unit=None if unit == "mm" else unit))
+    told = _told_unit(data)
+    if told is not None and unit not in {"mm", told}:
+        msg = f"a comment says that its unit is {told}, so it cannot be {unit}"
+        raise CloudError(msg)
+    reading = current_reading(Reading(unit=told if unit == "mm" else unit))
     sampled = sample_table(data, path, reading, least=3, what="point cloud")
     points = None
     if sampled is not None:
@@ -107,9 +118,16 @@ def points_from_text(
     if points is None:
         table = parse_table(data, path, what="point cloud", reading=reading, header=None, least=3)
         points, said = _points(table, path, reading, size, unit)
-    recognised(path, *said)
+    recognised(path, *said, *([] if told in {None, "mm"} else [f"in {told}, as a comment says"]))
     with np.errstate(over="ignore"):  # beyond float32 becomes infinite, and so missing
         return points.astype(np.float32)
+
+
+def _told_unit(data: bytes) -> str | None:
+    """Return the unit that a comment at a file's start tells: ``# unit: mm``."""
+    head = data[:_HEAD].replace(b"\0", b"").decode("latin-1")
+    found = _UNIT_COMMENT.search(head)
+    return None if found is None else {"in": "inch"}.get(found[1].lower(), found[1].lower())
 
 
 def _points(
@@ -159,11 +177,40 @@ def _unnamed(lines: _Columns, path: Path) -> tuple[tuple[int, int, int], list[st
             "they are coordinates"
         )
         raise FormatError(msg)
+    if _follow(lines.numbers(*range(min(lines.columns, 6)), rows=_STARTED)):
+        msg = (
+            f"{path}: the first of its {lines.columns} columns without names seem to be grey "
+            "levels, colours or normals, with x y z after them; name the columns in a first line, "
+            "such as 'intensity x y z', or 'x y z …' if they are coordinates"
+        )
+        raise FormatError(msg)
     return (0, 1, 2), [f"the first three of {lines.columns} columns without names are x y z"]
 
 
 def _counts(numbers: Floats, base: int) -> bool:
     return np.array_equal(numbers.ravel(), np.arange(numbers.size) + base)
+
+
+def _follow(start: Floats) -> bool:
+    """Return whether columns without names seem to be grey levels, colours or normals, then x y z.
+
+    Those are whole numbers, within 0 to 1, or of length 1, which coordinates after them are not.
+    """
+    start = start[np.isfinite(start).all(axis=1)]
+    if len(start) < _COUNTED:
+        return False
+
+    def is_grey(values: Floats) -> bool:
+        whole = (values == np.floor(values)).all() and values.max() < 2**16
+        return bool(values.min() >= 0.0 and (whole or values.max() <= 1.0) and np.ptp(values) > 0.0)
+
+    def is_normal(vectors: Floats) -> bool:
+        return bool((np.abs(np.linalg.norm(vectors, axis=1) - 1.0) < 0.01).all())
+
+    if start.shape[1] >= 6:
+        before, after = start[:, :3], start[:, 3:6]
+        return (is_grey(before) or is_normal(before)) and not (is_grey(after) or is_normal(after))
+    return start.shape[1] == 4 and is_grey(start[:, :1]) and not is_grey(start[:, 3:])
 
 
 def _is_raster(pairs: Floats) -> bool:

@@ -59,8 +59,8 @@ def thousands_mark(cell: str, decimal: str) -> str:
 
 
 _STAND_INS = frozenset(
-    {sign * (10.0**digits - 1.0) for digits in range(3, 10) for sign in (1, -1)}
-    | {-32768.0, 1e10, -1e10, 1e20, -1e20, 1e30, -1e30}
+    {sign * (10.0**digits - 1.0) for digits in range(4, 10) for sign in (1, -1)}
+    | {-999.0, -32768.0, 1e10, -1e10, 1e20, -1e20, 1e30, -1e30}
 )
 """Numbers that programs write for a value that is not there: -999, 9999, …"""
 
@@ -77,7 +77,7 @@ def stand_ins(values: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.zeros_like(alike)
     low, high = float(others.min()), float(others.max())
     away = np.maximum(low - values, values - high)
-    far = (away > high - low) | (np.abs(values) > 2.0 * max(-low, high))
+    far = ((high > low) & (away > high - low)) | (np.abs(values) > 2.0 * max(-low, high))
     return np.asarray(alike & far)
 
 
