@@ -18,6 +18,7 @@ from exposight.cell import (
     write_sensor,
 )
 from exposight.cli.app import run as run_program
+from exposight.cli.collect import left_out_lines
 from exposight.errors import AmbiguousError, FormatError, MissingFileError
 from exposight.files import Reading, reading_as
 from exposight.geometry import PinholeCamera, RigidTransform
@@ -315,3 +316,21 @@ def test_one_pose_without_a_name_is_that_of_all_views(own, collect):
     status, result = collect(own, robot=False)
     assert (status, result["captures"], result["views"]) == (0, 8, 2)
     assert any("one pose for all views" in remark for remark in result["recognised"])
+
+
+def test_a_depth_image_beside_its_image_is_the_cloud(tmp_path):
+    cv2.imwrite(str(tmp_path / "P01_5ms.png"), np.full((4, 6), 9, np.uint8))
+    cv2.imwrite(str(tmp_path / "P01_5ms.tif"), np.full((4, 6), 6000, np.uint16))
+    (found,) = find_recordings(tmp_path, name="P{view}_{exposure}ms").found
+    assert found.image.suffix == ".png"
+    assert found.cloud is not None
+    assert found.cloud.suffix == ".tif"
+
+
+def test_reasons_that_are_alike_are_said_once():
+    lines = left_out_lines(
+        {f"v{i}/e_{i}ms.png": f"scan/v{i}/e_{i}ms.tif: {i}.5 mm" for i in range(9)}
+    )
+    assert lines == [
+        "v0/e_0ms.png: scan/v0/e_0ms.tif: 0.5 mm (and 8 more like it, up to v8/e_8ms.png)"
+    ]

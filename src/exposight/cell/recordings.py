@@ -98,6 +98,8 @@ def find_recordings(
         raise MissingFileError(msg)
     files = sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith("."))
     clouds = _clouds(folder, files, cloud_name)
+    if cloud_name is None:
+        clouds = {**_depth_images(folder, files, clouds), **clouds}
     images = [path for path in files if _is_image(path) and path not in clouds.values()]
     if not images:
         msg = f"{folder}: no image in it ({', '.join(sorted(IMAGE_SUFFIXES))})"
@@ -154,6 +156,34 @@ def _clouds(folder: Path, files: Sequence[Path], cloud_name: str | None) -> dict
         for path, tells in zip(files, told, strict=True)
         if tells is not None
     }
+
+
+def _depth_images(
+    folder: Path, files: Sequence[Path], clouds: Mapping[str, Path]
+) -> dict[str, Path]:
+    """Return depth images by the stem of the image beside them, of which one alone is of 8 bits."""
+    by_stem: dict[str, list[Path]] = {}
+    for path in files:
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            stem = path.relative_to(folder).with_suffix("").as_posix()
+            by_stem.setdefault(stem, []).append(path)
+    found = {}
+    for stem, pair in by_stem.items():
+        if len(pair) != 2 or stem in clouds:
+            continue
+        deep = [path for path in pair if _is_deep(path)]
+        if len(deep) == 1:
+            found[stem] = deep[0]
+    return found
+
+
+def _is_deep(path: Path) -> bool:
+    """Tell whether an image has one channel of more than 8 bits, from its head."""
+    try:
+        with PillowImage.open(path) as image:
+            return image.mode.startswith(("I", "F"))
+    except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError):
+        return False
 
 
 def _once(found: Sequence[Recording], folder: Path, faults: dict[str, str]) -> list[Recording]:

@@ -1,6 +1,7 @@
 """``exposight collect``: a folder of images and clouds to a campaign."""
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -196,9 +197,7 @@ def _result(collected: Collected, part: cell.Part, written: Written) -> Result:
     views = list(dict.fromkeys(key.view for key in keys))
     times = sorted({key.exposure_ms for key in keys})
     left = collected.left_out
-    shown = [f"{file}: {why}" for file, why in list(left.items())[:_SHOWN]]
-    if len(left) > _SHOWN:
-        shown.append(f"and {len(left) - _SHOWN} more files")
+    shown = left_out_lines(left)
     result = Result(
         title=f"{len(keys)} captures of {part.name}",
         facts=(
@@ -221,6 +220,25 @@ def _result(collected: Collected, part: cell.Part, written: Written) -> Result:
         msg = "; ".join(shown) or "no capture could be taken"
         raise FormatError(msg)
     return result
+
+
+def left_out_lines(left: Mapping[str, str]) -> list[str]:
+    """Return why files were left out, one line a reason; the first ten of them.
+
+    Reasons that differ by the file's own name and by numbers alone are one.
+    """
+    alike: dict[str, list[str]] = {}
+    for file, why in left.items():
+        own = re.escape(Path(file).with_suffix("").name)
+        key = re.sub(r"\d+([.,]\d+)?", "0", re.sub(rf"\S*{own}\S*", "", why))
+        alike.setdefault(re.sub(r"\S*/\S*", "", key), []).append(file)
+    lines = []
+    for files in list(alike.values())[:_SHOWN]:
+        more = f" (and {len(files) - 1} more like it, up to {files[-1]})" if len(files) > 1 else ""
+        lines.append(f"{files[0]}: {left[files[0]]}{more}")
+    if len(alike) > _SHOWN:
+        lines.append(f"and {sum(map(len, list(alike.values())[_SHOWN:]))} more files")
+    return lines
 
 
 def _grid(keys: tuple[cell.CaptureKey, ...], views: list[str], times: list[float]) -> Table:

@@ -8,9 +8,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from exposight import cell
 from exposight.contradictions import Contradiction, rings, settle
-from exposight.errors import ContradictionError, ExposightError, InputError
+from exposight.errors import ContradictionError, ExposightError, InputError, PoseError
 from exposight.geometry import RigidTransform
 from exposight.imaging import CaptureForm
 from exposight.measuring.capture_table import CaptureTable
@@ -203,8 +205,10 @@ class _Work:
                 self.rows += self.observer.observe(capture)
                 self.kept.append(capture.key)
                 _check_unchanged(campaign, number, recording)
+                _check_same_pose(capture, self._poses[self._names[recording.view]], campaign)
                 return True
             name = self._names[recording.view]
+            _check_before_sensor(self._settings.part, self._poses[name])
             capture = _read(recording, self._settings, self._poses[name])
             seen = self.observer.observe(capture)
             fits = any(row.p_norm for row in seen)
@@ -232,8 +236,9 @@ def _read(
 ) -> cell.Capture:
     if recording.cloud is None:
         msg = (
-            f"no cloud beside it: expected {recording.image.stem} with one of "
-            f"{', '.join(cell.CLOUD_SUFFIXES)} (named otherwise: --cloud-name)"
+            f"no cloud beside it: expected one of its name with {', '.join(cell.CLOUD_SUFFIXES)}, "
+            "or a depth image of 16 bits with another suffix; named otherwise: --cloud-name, such "
+            'as "{view}/depth_{exposure}us"'
         )
         raise InputError(msg)
     form = settings.form
@@ -249,6 +254,45 @@ def _read(
     )
     capture.check_fits(settings.sensor)
     return capture
+
+
+def _check_before_sensor(part: cell.Part, camera_from_part: RigidTransform) -> None:
+    """Check that the part is not behind the camera.
+
+    Raises
+    ------
+    PoseError
+        If all of its features are.
+    """
+    places = camera_from_part.apply([f.part_from_feature.translation_mm for f in part.features])
+    if (places[:, 2] <= 0).all():
+        msg = (
+            f"its pose puts all features behind the sensor, at depths of {places[:, 2].min():.4g} "
+            f"to {places[:, 2].max():.4g} mm; expected camera_from_part, in the camera's frame (x "
+            "right, y down, z ahead): the part in the camera's frame, or the flange in the base "
+            "with --hand-eye and --part-pose"
+        )
+        raise PoseError(msg)
+
+
+def _check_same_pose(
+    capture: cell.Capture, camera_from_part: RigidTransform, folder: cell.CampaignFolder
+) -> None:
+    """Check that a capture was collected with the pose that is given now.
+
+    Raises
+    ------
+    PoseError
+        If it was not.
+    """
+    before, now = capture.camera_from_part.to_matrix(), camera_from_part.to_matrix()
+    if not np.allclose(before, now, rtol=0.0, atol=1e-3):
+        away = float(np.linalg.norm(before[:3, 3] - now[:3, 3]))
+        msg = (
+            f"it was collected before with another pose ({away:.3g} mm from the one given now), "
+            f"and kept so; collect into a new folder than {folder.path}, or give the pose of then"
+        )
+        raise PoseError(msg)
 
 
 _ENOUGH_POINTS = 1000
