@@ -662,3 +662,27 @@ def test_radial_and_tangential_coefficients_are_of_one_lens(tmp_path, text):
     path.write_text(text)
     camera = read_calibration(path, image_size=SIZE).camera
     np.testing.assert_allclose(camera.distortion, D)
+
+
+def test_open3d_writes_its_matrix_column_by_column(tmp_path):
+    path = tmp_path / "intrinsic.json"
+    path.write_text(in_json(width=SIZE[0], height=SIZE[1], intrinsic_matrix=K.T.ravel()))
+    with collected_remarks() as remarks:
+        camera = read_calibration(path).camera
+    assert (camera.fx, camera.cx, camera.cy) == (K[0, 0], K[0, 2], K[1, 2])
+    assert "column by column" in "".join(remarks)
+    path.write_text(in_json(matrix=K.T))  # may be MATLAB's, which counts pixels from 1
+    with pytest.raises(FormatError, match="transposed"):
+        read_calibration(path, image_size=SIZE)
+
+
+def test_bouguets_results_tell_the_images_size(tmp_path):
+    path = tmp_path / "Calib_Results.m"
+    path.write_text(
+        f"fc = [ {K[0, 0]} ; {K[1, 1]} ];\ncc = [ {K[0, 2]} ; {K[1, 2]} ];\nalpha_c = 0;\n"
+        f"kc = [ {' ; '.join(map(str, D))} ];\nfc_error = [ 1 ; 1 ];\nnx = {SIZE[0]};\n"
+        f"ny = {SIZE[1]};\n"
+    )
+    camera = read_calibration(path).camera
+    assert (camera.width, camera.height) == SIZE
+    np.testing.assert_allclose(camera.distortion, D)

@@ -200,3 +200,13 @@ def test_numbers_that_stand_for_missing_values_are_no_values(tmp_path, mark, sep
     rows[1][5], rows[2][8] = float(mark), float(mark)
     with pytest.raises(FormatError, match=rf"line 3, x_mm: {mark}, line 4, w_deg: {mark}"):
         read(tmp_path, text(rows=rows, separator=separator))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_titles_with_the_separators_of_spreadsheets_are_left_out(tmp_path, separator):
+    decimal = "." if separator == "," else ","
+    rest = separator * (len(NAMES) - 1)
+    title = f"Messung vom 12.3.2024{rest}\nPrüfer{separator}Meier{rest[1:]}\n{rest}\n"
+    table, remarks = read(tmp_path, title + text(separator=separator, decimal=decimal))
+    np.testing.assert_allclose(table.array(NAMES[2:]), NUMBERS)
+    assert "2 lines above the names left out" in remarks

@@ -95,6 +95,7 @@ def find_layout(lines: Sequence[str], expected: Expected) -> Layout:
     if not found.lines and not found.comment:
         msg = f"{expected.source} is empty; expected the rows of the {expected.what}"
         raise FormatError(msg)
+    found = _without_titles(found)
     try:
         return _laid_out(found, expected)
     except FormatError:
@@ -128,6 +129,31 @@ def _sorted(lines: Sequence[str], expected: Expected) -> _Sorted:
     rows, numbers = [line for _, line in body], [number for number, _ in body]
     remarks += _without_count(rows, numbers, expected)
     return _Sorted(lines=rows, numbers=numbers, comment=comment, remarks=remarks)
+
+
+def _without_titles(found: _Sorted) -> _Sorted:
+    """Leave out the lines above the names that fill two cells at most where names fill more.
+
+    Spreadsheets give a title as many separators as the rows have.
+    """
+    for mark in (";", "\t", ",", "|"):
+        filled = [
+            sum(bool(cell.strip(' "')) for cell in line.split(mark)) if mark in line else 0
+            for line in found.lines[: _TITLE_LINES + 1]
+        ]
+        names = next((k for k, count in enumerate(filled) if count > 2), 0)
+        if not names or not all(0 < count <= 2 for count in filled[:names]):
+            continue
+        if len(found.lines) <= names + 1 or has_number(found.lines[names]):
+            continue
+        shown = f"{names} line{'s' * (names > 1)} above the names left out"
+        return replace(
+            found,
+            lines=found.lines[names:],
+            numbers=found.numbers[names:],
+            remarks=[*found.remarks, shown],
+        )
+    return found
 
 
 def _below_others(found: _Sorted, expected: Expected) -> Layout | None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import FormatError
+from exposight.files.reading import recognised
 from exposight.geometry.calibrations import calibration_shapes as shapes
 from exposight.geometry.calibrations.calibration_keys import NONE, CalibrationKeys, ask_which
 from exposight.geometry.calibrations.calibration_names import (
@@ -61,7 +62,7 @@ def find_lenses(
     for name in chosen.values():
         found[name] = file.matrix(name, (3, 3))
     if not chosen:
-        _check_not_transposed(file)
+        found |= _transposed(file, found)
     if not found:
         raise FormatError(_none_found(file))
     if not chosen:
@@ -120,15 +121,34 @@ def _devices(
     return {"camera": told["camera"], "projector": told["projector"]}
 
 
-def _check_not_transposed(file: CalibrationNodes) -> None:
-    for name, node in file.nodes.items():
-        matrix = shapes.square(node, 3)
-        if matrix is not None and matrix[2, :2].any() and shapes.is_camera_matrix(matrix.T):
-            msg = (
-                f"{file.path}: '{name}' is a camera matrix transposed, and rotations may be too: "
-                "transpose them in the file, or export OpenCV's matrices"
-            )
-            raise FormatError(msg)
+def _transposed(
+    file: CalibrationNodes, found: Mapping[str, NDArray[np.float64]]
+) -> dict[str, NDArray[np.float64]]:
+    """Return Open3D's ``intrinsic_matrix``: nine numbers, column by column.
+
+    Raises
+    ------
+    FormatError
+        If another matrix is transposed: MATLAB's, which count pixels from 1, are, too.
+    """
+    turned = {
+        name: matrix.T
+        for name, node in file.nodes.items()
+        if (matrix := shapes.square(node, 3)) is not None
+        and matrix[2, :2].any()
+        and shapes.is_camera_matrix(matrix.T)
+    }
+    others = [name for name in turned if name.rpartition(".")[2] != "intrinsic_matrix"]
+    others += [name for name in turned if np.ndim(file.nodes[name]) != 1 or found]
+    if others:
+        msg = (
+            f"{file.path}: '{others[0]}' is a camera matrix transposed, and rotations may "
+            "be too: transpose them in the file, or export OpenCV's matrices"
+        )
+        raise FormatError(msg)
+    for name in turned:
+        recognised(file.path, f"{name} is read column by column, as Open3D writes it")
+    return turned
 
 
 def _none_found(file: CalibrationNodes) -> str:

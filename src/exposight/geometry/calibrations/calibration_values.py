@@ -30,7 +30,7 @@ class SyntaxFault(FormatError):
 
 def scalar(text: str) -> Tree:
     """Return a number, a printed matrix, or the text itself."""
-    text = text.strip()
+    text = text.strip().removesuffix(";").rstrip()  # MATLAB ends lines so
     if _IS_NUMBER.fullmatch(text):
         return _float(text)
     if len(text) < 3 or not IS_PRINTED.fullmatch(text):
