@@ -11,14 +11,14 @@ from PIL import Image as PillowImage
 from exposight.cell.cloud_formats.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import is_image
 from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError
-from exposight.files import ambiguous, current_reading
+from exposight.files import UNITS_MS, ambiguous, current_reading
 
-TIME_UNITS_MS: Mapping[str, float] = {"ms": 1.0, "us": 1e-3, "s": 1e3}
 IMAGE_SUFFIXES = frozenset(
     {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm"}
 )
 _CLOUDS = frozenset({*READ_SUFFIXES, ".npz"})
-_UNIT = r"(?P<unit>msec|ms|usec|us|µs|μs|sec|s)(?![A-Za-z])"
+_UNITS = "msec|ms|usec|us|µs|μs|sec|s"
+_UNIT = rf"(?P<unit>{_UNITS})(?![A-Za-z])"
 _DECIMALS = r"\d+(?:[.,p_]\d+)?"
 _PLAIN_NUMBER = r"\d+(?:[.,p]\d+)?"
 _NUMBERS = {"exposure": "", "exposure:d": r"\d+", "exposure:f": _DECIMALS}
@@ -277,7 +277,7 @@ def _regular(pattern: str, number: str, *, greedy: bool) -> "re.Pattern[str]":
                 out.append(rf"\s*(?P<unit>{unit['unit']})")
                 has_unit = True
         elif key == "unit" and not has_unit:
-            out.append("(?P<unit>msec|ms|usec|us|µs|μs|sec|s)")
+            out.append(f"(?P<unit>{_UNITS})")
             has_unit = True
         elif part.startswith("{"):
             msg = (
@@ -313,9 +313,9 @@ def _milliseconds(number: str, unit: str | None, folder: Path, name: str) -> flo
             folder,
             f"in which unit is the exposure time {number} of {name}?",
             "exposure",
-            {each: f"{scale * value:g} ms" for each, scale in TIME_UNITS_MS.items()},
+            {each: f"{scale * value:g} ms" for each, scale in UNITS_MS.items()},
         )
-    return round(value * TIME_UNITS_MS[unit], 9)
+    return round(value * UNITS_MS[unit], 9)
 
 
 def _unit(word: str) -> str:
@@ -327,7 +327,7 @@ def _unit(word: str) -> str:
 
 _TIME = re.compile(
     rf"(?<![A-Za-z0-9.,])(?P<exposure>{_PLAIN_NUMBER})\s?{_UNIT}|"
-    rf"(?<![A-Za-z0-9.,])(?P<long>\d+_\d+)\s?(?P<unit2>msec|ms|usec|us|µs|μs|sec|s)(?![A-Za-z])",
+    rf"(?<![A-Za-z0-9.,])(?P<long>\d+_\d+)\s?(?P<unit2>{_UNITS})(?![A-Za-z])",
     re.IGNORECASE,
 )
 
@@ -386,8 +386,9 @@ def exif_exposure_ms(path: str | Path) -> float | None:
             exif = image.getexif()
             value = exif.get_ifd(_EXIF).get(_EXPOSURE_TIME, exif.get(_EXPOSURE_TIME))
             seconds = float(value) if value is not None else 0.0
-    except (OSError, ValueError, SyntaxError, TypeError, ZeroDivisionError):
+    except (
+        *(OSError, ValueError, SyntaxError, TypeError, ZeroDivisionError),
+        PillowImage.DecompressionBombError,
+    ):
         return None  # whatever reads the image says what is wrong with it
-    except PillowImage.DecompressionBombError:
-        return None
     return 1e3 * seconds if seconds > 0 else None

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Group, Parameter
+from cyclopts.types import PositiveInt
 from cyclopts.validators import Number
 from numpy.typing import NDArray
 
-from exposight.cell import Feature, Part, read_features, sensor_named_or_read
+from exposight.cell import ActiveSensor, Feature, Part, read_features, sensor_named_or_read
 from exposight.cell.feature_lists.feature_matching import match_features
 from exposight.cell.feature_lists.found_features import FoundFeature, Side, features_of, on_one_side
 from exposight.cli.app import UsageError
-from exposight.cli.first_plan import FirstPlanOptions, first_plan
 from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
@@ -22,10 +22,20 @@ from exposight.errors import FeatureError, first_ten
 from exposight.geometry.meshes.mesh_holes import FoundHoles, Opening, find_holes
 from exposight.geometry.meshes.mesh_mending import mend_mesh
 from exposight.geometry.meshes.triangle_meshes import Mesh, read_part_mesh, spelled
-from exposight.plans import write_plan
+from exposight.planning.viewing.viewpoints import candidate_views
+from exposight.plans import MeasuringPlan, PoseList, write_plan
+from exposight.plans.positions import logarithmic_exposures
 from exposight.tables import Column, Table, counted
-from exposight.twin.part import FEATURES_FILE, Scene, check_scene, export_scene, exported_files
+from exposight.twin.part import (
+    FEATURES_FILE,
+    SCENE_FILE,
+    Scene,
+    check_scene,
+    export_scene,
+    exported_files,
+)
 from exposight.twin.part.finishes import Finishes
+from exposight.workers import Progress
 
 PAGE, PLAN = "part.html", "plan.toml"
 
@@ -60,6 +70,26 @@ class HoleOptions:
     radius: Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")] = None
     side: Annotated[Side | None, Parameter(allow_leading_hyphen=True)] = None
     sheet_normals: Literal["outward", "inward"] = "outward"
+
+
+@Parameter("*", group=Group("First plan, with --sensor", sort_key=3))
+@dataclass(frozen=True, kw_only=True)
+class FirstPlanOptions:
+    """What is captured to learn how the part looks to the sensor.
+
+    Parameters
+    ----------
+    views
+        Views of the plan at most: found so that each feature is seen in several lights.
+    exposures
+        Exposure times of each view, evenly spread over the logarithm of the sensor's range.
+    exposure_range
+        Shortest and longest of them, ms; the sensor's by default.
+    """
+
+    views: PositiveInt = 16
+    exposures: Annotated[PositiveInt, Parameter("--exposures")] = 8
+    exposure_range: Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")] = None
 
 
 _PLANNED = ("views", "exposures_ms", "captures")
@@ -131,7 +161,7 @@ def part_command(
         files.append(Written.at(output / PAGE, "page"))
         plan = None
         if chosen_sensor is not None:
-            plan, remarks = first_plan(part, chosen_sensor, mended.mesh, first, progress)
+            plan, remarks = _first_plan(part, chosen_sensor, mended.mesh, first, progress)
             notes.extend(remarks)
             files.append(Written.at(output / PLAN, "measuring plan"))
         elif first != _FIRST_PLAN:
@@ -290,3 +320,35 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         Column(name="residual_mm", label="residual\nmm", decimals=4),
     ]
     return Table.of("found", rows, tuple(columns), title="Features (normals outward)")
+
+
+def _first_plan(
+    part: Part,
+    sensor: ActiveSensor,
+    mesh: Mesh,
+    options: FirstPlanOptions,
+    progress: Progress,
+) -> tuple[MeasuringPlan, list[str]]:
+    """Return a measuring plan of views that see the features, and remarks."""
+    found = candidate_views(part, sensor, mesh=mesh, count=options.views, progress=progress)
+    low, high = options.exposure_range or (sensor.exposure.min_ms, sensor.exposure.max_ms)
+    views = PoseList(
+        name="auto",
+        notation="matrix",
+        frame="camera_from_part",
+        rows=tuple(
+            tuple(each.camera_from_part.to_matrix().ravel().tolist()) for each in found.views
+        ),
+        names=tuple(each.name for each in found.views),
+        exposures_ms=logarithmic_exposures(low, high, options.exposures, sensor),
+    )
+    plan = MeasuringPlan(
+        name=part.name,
+        sensor=sensor,
+        features=tuple(f.name for f in part.features if f.name not in found.unreachable),
+        poses=(views,),
+        blind_views="skip",
+        simulated={"scene": SCENE_FILE},
+    )
+    notes = [f"{name} is in no view: {why}" for name, why in found.unreachable.items()]
+    return plan, [*found.notes, *notes]

@@ -26,6 +26,7 @@ from exposight.files.durable import (
 )
 from exposight.files.reading import (
     UNITS_MM,
+    UNITS_MS,
     Reading,
     ambiguous,
     collected_remarks,

@@ -19,6 +19,9 @@ from exposight.errors import AmbiguousError, InputError, did_you_mean
 UNITS_MM: Mapping[str, float] = MappingProxyType({"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4})
 """Units of lengths that files do not tell and people do."""
 
+UNITS_MS: Mapping[str, float] = MappingProxyType({"ms": 1.0, "us": 1e-3, "s": 1e3})
+"""Units of exposure times that files do not tell and people do."""
+
 _ANSWERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "separator": ("comma", "semicolon", "tab", "blank", "pipe"),
@@ -27,7 +30,7 @@ _ANSWERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "unit": tuple(UNITS_MM),
         "size": ("radius", "diameter"),
         "normals": ("outward", "inward"),
-        "exposure": ("ms", "us", "s"),
+        "exposure": tuple(UNITS_MS),
         "angle": ("deg", "rad"),
         "quaternion": ("wxyz", "xyzw"),
     }

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from exposight.errors import FormatError
 from exposight.files import (
+    UNITS_MS,
     Matched,
     TextTable,
     Wanted,
@@ -274,10 +275,9 @@ def _ask_units(
         raise ambiguous(path, question, "angle", answers)
     if names == ("exposure_ms",):
         shortest, longest = _EXPOSURES_MS
-        factors = {"ms": 1.0, "us": 1e-3, "s": 1e3}
-        fitting = [u for u, f in factors.items() if shortest <= low * f and high * f <= longest]
+        fitting = [u for u, f in UNITS_MS.items() if shortest <= low * f and high * f <= longest]
         if fitting != ["ms"]:
-            units = dict.fromkeys(("ms", *(fitting or factors)))
+            units = dict.fromkeys(("ms", *(fitting or UNITS_MS)))
             answers = {unit: f"{low:g} to {high:g} {unit}" for unit in units}
             question = f"which unit has {headers}, from {low:g} to {high:g}?"
             raise ambiguous(path, question, "exposure", answers)

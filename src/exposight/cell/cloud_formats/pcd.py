@@ -6,7 +6,6 @@ Compressed data are packed by LZF (which pypcd4 brings along), a field after the
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import lzf
 import numpy as np
@@ -25,8 +24,7 @@ _MOST_PACKED = 300
 _LONGEST_POINT = 2**24
 """Bytes of a point; descriptors of some thousand numbers occur."""
 
-_Encoding = Literal["ascii", "binary", "binary_compressed"]
-_ENCODINGS: dict[str, _Encoding] = {
+_ENCODINGS = {
     "ascii": "ascii",
     "binary": "binary",
     "binary_compressed": "binary_compressed",
@@ -44,7 +42,7 @@ class _Header:
     rows: int
     columns: int
     points: int
-    encoding: _Encoding
+    encoding: str
 
     @property
     def row_bytes(self) -> int:
@@ -217,11 +215,7 @@ def _from_binary(
     unpacked = _unpacked(body, header, path)
     n = header.points
     columns = [
-        np.frombuffer(unpacked, dtype, count=n, offset=start * n)
-        if header.counts[i] == 1
-        else np.frombuffer(unpacked, dtype, count=n * header.counts[i], offset=start * n)[
-            :: header.counts[i]
-        ]
+        np.frombuffer(unpacked, dtype, n * header.counts[i], start * n)[:: header.counts[i]]
         for i, dtype, start in zip(wanted, dtypes, starts, strict=True)
     ]
     return np.stack(columns, axis=-1)
