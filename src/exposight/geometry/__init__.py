@@ -8,8 +8,8 @@ from exposight.geometry.calibrations.calibration_files import (
     read_projector_camera,
     read_stereo_cameras,
 )
-from exposight.geometry.calibrations.calibration_keys import CalibrationKeys
 from exposight.geometry.calibrations.calibration_nodes import (
+    CalibrationKeys,
     CalibrationNodes,
     read_calibration_nodes,
 )
@@ -29,18 +29,17 @@ from exposight.geometry.cylinders import (
 )
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
 from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
-from exposight.geometry.robot_poses.hand_eye import (
+from exposight.geometry.robot_poses.pose_chains import (
     camera_from_held_part,
     camera_from_part_of,
     other_chains,
+    other_poses,
 )
-from exposight.geometry.robot_poses.pose_files import read_named_poses, read_pose
-from exposight.geometry.robot_poses.pose_matrices import check_length_unit
-from exposight.geometry.robot_poses.pose_readings import other_poses
-from exposight.geometry.robot_poses.pose_tables import is_pose_header, poses_of_table
-from exposight.geometry.robot_poses.pose_texts import parse_pose
-from exposight.geometry.robot_poses.written_poses import (
+from exposight.geometry.robot_poses.pose_files import parse_pose, read_named_poses, read_pose
+from exposight.geometry.robot_poses.pose_notations import (
     PoseNotation,
+    check_length_unit,
     pose_columns,
     pose_from_numbers,
 )
+from exposight.geometry.robot_poses.pose_tables import is_pose_header, poses_of_table

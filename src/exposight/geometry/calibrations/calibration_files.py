@@ -19,16 +19,15 @@ from exposight.geometry.calibrations.calibration import (
     ImageKind,
     recognise_calibration,
 )
-from exposight.geometry.calibrations.calibration_keys import CalibrationKeys
 from exposight.geometry.calibrations.calibration_lenses import SecondDevice
 from exposight.geometry.calibrations.calibration_nodes import (
+    CalibrationKeys,
     CalibrationNodes,
     read_calibration_nodes,
 )
 from exposight.geometry.calibrations.camera_info import camera_info, camera_infos
 from exposight.geometry.calibrations.stereo_calibrations import (
     StereoCameras,
-    rectified_camera_if_said,
     rectified_if_said,
     ros_pair,
 )
@@ -162,10 +161,8 @@ def read_calibration(
             "the projector's matrices"
         )
         raise FormatError(msg)
-    if found.second is not None:
-        return rectified_if_said(found, file, images)
     if found.projector is None:
-        return rectified_camera_if_said(found, file, images)
+        return rectified_if_said(found, file, images)
     if images == "rectified":
         msg = f"{path}: camera and projector are of raw images; leave out --rectified"
         raise FormatError(msg)

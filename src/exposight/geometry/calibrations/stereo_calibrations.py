@@ -130,71 +130,49 @@ def ros_pair(left: CameraInfo, right: CameraInfo, images: ImageKind | None) -> C
 def rectified_if_said(
     raw: Calibration, file: CalibrationNodes, images: ImageKind | None
 ) -> Calibration:
-    """Return two cameras as they are of the saved images: raw, or by P1 and P2.
+    """Return one camera or two as they are of the saved images: raw, or by P, or P1 and P2.
 
     Raises
     ------
     FormatError
-        If both are in the file and differ and it was not said which were saved, rectified ones are
-        said and are not in it, or their baseline is not T's.
+        If both are in the file and differ and it was not said which were saved, what was said is
+        not in it, or the baseline of rectified cameras is not T's.
     """
-    names: list[str | None] = [*shapes.projections(file.nodes)]
-    if len(names) != 2:
-        names = [None, None]
-    elif told_apart(*filter(None, names)).roles == ("second", "first"):
-        names.reverse()
-    if images == "raw":
+    if raw.images == "rectified" and raw.second is None:
+        if images == "raw":
+            msg = f"{file.path}: a projection alone, of rectified images; raw ones need K and D"
+            raise FormatError(msg)
         return raw
-    if names[0] is None or names[1] is None:
-        if images == "rectified":
+    names = list(shapes.projections(file.nodes))
+    count = 1 if raw.second is None else 2
+    if images == "raw" or (images is None and len(names) != count):
+        return raw
+    if len(names) != count:
+        msg = f"{file.path}: no P, which rectified images need; the file is of raw images only"
+        if count == 2:
             msg = (
                 f"{file.path}: no P1 and P2, which rectified images need; add the file in which "
                 "stereoRectify's results were written"
             )
-            raise FormatError(msg)
-        return raw
-    assert raw.second is not None
-    rectified = _rectified(raw, file, names[0], names[1])
+        raise FormatError(msg)
+    if raw.second is None:
+        camera = _projection(file, names[0], (raw.camera.width, raw.camera.height))
+        rectified = replace(raw, camera=camera, images="rectified")
+    else:
+        if told_apart(*names).roles == ("second", "first"):
+            names.reverse()
+        rectified = _rectified(raw, file, *names)
     if images is None:
-        for device, name, one, other in (
-            ("first camera", names[0], raw.camera, rectified.camera),
-            ("second camera", names[1], raw.second, rectified.second),
-        ):
+        devices = ["camera"] if count == 1 else ["first camera", "second camera"]
+        pairs = ((raw.camera, rectified.camera), (raw.second, rectified.second))
+        for device, name, (one, other) in zip(devices, names, pairs, strict=False):
+            assert one is not None
             assert other is not None
             if not alike(one, other):
                 nodes = [node for node, what in raw.taken.items() if what == device][:2]
                 of_raw = " and ".join(nodes)
                 raise FormatError(either_kind(file.path, (of_raw, one), (name, other)))
     return rectified
-
-
-def rectified_camera_if_said(
-    raw: Calibration, file: CalibrationNodes, images: ImageKind | None
-) -> Calibration:
-    """Return one camera as it is of the saved images: raw, or by its projection P.
-
-    Raises
-    ------
-    FormatError
-        If both are in the file and differ and it was not said which were saved, or what was said
-        is not in it.
-    """
-    if raw.images == "rectified":
-        if images == "raw":
-            msg = f"{file.path}: a projection alone, of rectified images; raw ones need K and D"
-            raise FormatError(msg)
-        return raw
-    names = list(shapes.projections(file.nodes))
-    if images == "raw" or (images is None and len(names) != 1):
-        return raw
-    if len(names) != 1:
-        msg = f"{file.path}: no P, which rectified images need; the file is of raw images only"
-        raise FormatError(msg)
-    rectified = _projection(file, names[0], (raw.camera.width, raw.camera.height))
-    if images is None and not alike(raw.camera, rectified):
-        nodes = " and ".join([node for node, what in raw.taken.items() if what == "camera"][:2])
-        raise FormatError(either_kind(file.path, (nodes, raw.camera), (names[0], rectified)))
-    return replace(raw, camera=rectified, images="rectified")
 
 
 def _rectified(raw: Calibration, file: CalibrationNodes, left: str, right: str) -> Calibration:

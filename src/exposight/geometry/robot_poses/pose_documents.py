@@ -2,19 +2,20 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from exposight.errors import PoseError
-from exposight.files import ambiguous, current_reading
+from exposight.files import current_reading
 from exposight.geometry.poses import RigidTransform
-from exposight.geometry.robot_poses.pose_matrices import (
+from exposight.geometry.robot_poses.pose_notations import (
     check_length_unit,
     matrix_pose,
     quaternion_pose,
 )
-from exposight.geometry.robot_poses.pose_units import UNIT_MM
+from exposight.geometry.robot_poses.pose_numbers import UNIT_MM
+from exposight.geometry.robot_poses.pose_tables import named_numbers_pose
 from exposight.geometry.robot_poses.printed_poses import WrittenPose, printed_poses
 
 _POSITIONS = ("position", "translation", "trans", "t", "tvec", "xyz", "location", "origin")
@@ -68,7 +69,7 @@ def _collect(
     if matrix is not None:
         pose = _scaled(matrix_pose(matrix, place), unit)
         form = f"{pose.form}, from a document" if depth else pose.form
-        found.append(_renamed(WrittenPose(**{**vars(pose), "form": form}), name))
+        found.append(_renamed(replace(pose, form=form), name))
         return
     if isinstance(data, Mapping):
         table = {str(key).lower(): value for key, value in data.items()}
@@ -99,7 +100,7 @@ _WRAPPERS = frozenset(
 
 
 def _renamed(pose: WrittenPose, name: str) -> WrittenPose:
-    return pose if pose.name else WrittenPose(**{**vars(pose), "name": name})
+    return pose if pose.name else replace(pose, name=name)
 
 
 def _scaled(pose: WrittenPose, unit: str | None) -> WrittenPose:
@@ -109,7 +110,7 @@ def _scaled(pose: WrittenPose, unit: str | None) -> WrittenPose:
         rotation=pose.pose.rotation, translation_mm=UNIT_MM[str(unit)] * pose.pose.translation_mm
     )
     form = pose.form.replace(", mm", f", {unit}")
-    return WrittenPose(**{**vars(pose), "pose": scaled, "form": form})
+    return replace(pose, pose=scaled, form=form)
 
 
 def _unit_of(table: Mapping[str, object]) -> str | None:
@@ -171,7 +172,7 @@ def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> Wr
                 order = "xyzw" if named_turn else order
                 pose = quaternion_pose(position, turn, place, order=order, unit=metres)
                 form = "ROS pose, m" if metres == "m" and named_turn else pose.form
-                return WrittenPose(**{**vars(pose), "form": form})
+                return replace(pose, form=form)
         if key in _ROTATION_MATRICES and isinstance(value, list | tuple | Mapping):
             rotation = _rotation(value)
             if rotation is not None:
@@ -241,7 +242,7 @@ def _scaled_by_reading(pose: WrittenPose, unit: str) -> WrittenPose:
     scaled = RigidTransform(
         rotation=pose.pose.rotation, translation_mm=UNIT_MM[unit] * pose.pose.translation_mm
     )
-    return WrittenPose(**{**vars(pose), "pose": scaled})
+    return replace(pose, pose=scaled)
 
 
 def _plain_numbers(table: Mapping[str, object]) -> dict[str, float]:
@@ -250,124 +251,6 @@ def _plain_numbers(table: Mapping[str, object]) -> dict[str, float]:
         for key, value in table.items()
         if isinstance(value, int | float) and not isinstance(value, bool)
     }
-
-
-_KINDS = {
-    "fanuc": ("w", "p", "r"),
-    "kuka": ("a", "b", "c"),
-    "wxyz": ("qw", "qx", "qy", "qz"),
-    "abb": ("q1", "q2", "q3", "q4"),
-    "rotation": ("rx", "ry", "rz"),
-}
-
-
-def named_numbers_pose(
-    numbers: Mapping[str, float], source: str | Path, *, unit: str | None = None
-) -> WrittenPose | None:
-    """Return the pose of numbers with names such as x_mm, y_mm, z_mm, qw, qx, qy, qz.
-
-    Parameters
-    ----------
-    numbers : mapping of str to float
-        By name in lower case; units behind an underscore, in brackets or parentheses.
-    source : str or Path
-        For messages.
-    unit : str, optional
-        Unit of lengths whose name does not tell it.
-
-    Returns
-    -------
-    WrittenPose or None
-        None where the names are those of no pose.
-
-    Raises
-    ------
-    AmbiguousError
-        If the names tell no notation or unit.
-    PoseError
-        If the numbers are no pose.
-    """
-    named = {stem_of(key): (value, _suffix(key)) for key, value in numbers.items()}
-    if not {"x", "y", "z"} <= named.keys():
-        return None
-    position = [named[axis][0] for axis in "xyz"]
-    units = {named[axis][1] for axis in "xyz"} - {""}
-    if len(units) > 1:
-        msg = f"{source}: x, y and z are in different units: {', '.join(sorted(units))}"
-        raise PoseError(msg)
-    unit = next(iter(units)) if units and units <= UNIT_MM.keys() else unit
-    for kind, keys in _KINDS.items():
-        if set(keys) <= named.keys():
-            values = [named[key][0] for key in keys]
-            angle_units = {named[key][1] for key in keys} - {""}
-            if len(angle_units) > 1:
-                msg = f"{source}: {', '.join(keys)} are in different units"
-                raise PoseError(msg)
-            return _named_pose(kind, position, values, source, unit, angle_units)
-    return None
-
-
-def _named_pose(
-    kind: str,
-    position: list[float],
-    values: list[float],
-    source: str | Path,
-    unit: str | None,
-    angle_units: set[str],
-) -> WrittenPose:
-    if kind in {"wxyz", "abb"}:
-        said = unit or ("mm" if kind == "abb" else None)
-        return quaternion_pose(position, values, source, order="wxyz", unit=said)
-    scale = UNIT_MM[current_reading().unit or unit or "mm"]
-    mm = [scale * number for number in position]
-    angle = current_reading().angle
-    is_rad = angle == "rad" if angle else angle_units == {"rad"}
-    if kind == "rotation":
-        if not is_rad and angle_units != {"rad"}:
-            raise ambiguous(
-                source,
-                "are rx ry rz a rotation vector, as Universal Robots have it, or angles about the "
-                "fixed axes? Angles go by the columns w p r;",
-                "angle",
-                {"rad": "a rotation vector"},
-            )
-        pose = RigidTransform.from_rotation_vector(mm, values)
-        return WrittenPose(pose=pose, notation="rotation_vector", form="rotation vector in rad")
-    degrees = [float(np.degrees(v)) if is_rad else v for v in values]
-    make = RigidTransform.from_fanuc_wpr if kind == "fanuc" else RigidTransform.from_kuka_abc
-    letters = "w p r" if kind == "fanuc" else "a b c"
-    return WrittenPose(
-        pose=make(mm, *degrees),
-        notation=kind,
-        form=f"x y z {letters}, {unit or 'mm'} and {'rad' if is_rad else 'degrees'}",
-    )
-
-
-def stem_of(key: str) -> str:
-    """Return the number that a key or column means: x of ``pos_x [mm]``, qw of ``quat_w``."""
-    word = key.strip().lower()
-    for bracket in "[(":
-        word = word.split(bracket)[0].strip()
-    for prefix in ("t", "pos_", "position_", "position.", "trans_", "translation."):
-        if word.startswith(prefix) and word[len(prefix) :].split("_")[0] in {"x", "y", "z"}:
-            word = word[len(prefix) :]
-    for prefix in ("orientation.", "orientation_", "quat_", "quaternion_", "rotation."):
-        if word.startswith(prefix) and word[len(prefix) :] in {"x", "y", "z", "w"}:
-            word = "q" + word[len(prefix) :]
-    stem, _, unit = word.rpartition("_")
-    return stem if stem and unit in {*UNIT_MM, "deg", "rad", "grad", "degrees"} else word
-
-
-def _suffix(key: str) -> str:
-    word = key.strip().lower().rstrip(")] ")
-    for separator in ("[", "(", "_"):
-        if separator in word:
-            unit = word.rpartition(separator)[2].strip()
-            if unit in {*UNIT_MM, "deg", "rad"}:
-                return unit
-            if unit in {"°", "grad", "degrees", "degree"}:
-                return "deg"
-    return ""
 
 
 def loose_numbers(data: object) -> list[tuple[str, list[float]]]:

@@ -6,19 +6,21 @@ pose files. A robot's program may hold many, each with its name.
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
 from exposight.errors import AmbiguousError, PoseError
 from exposight.geometry.poses import RigidTransform
-from exposight.geometry.robot_poses.pose_numbers import NUMBER, number_rows, numbers_of
-from exposight.geometry.robot_poses.pose_units import (
+from exposight.geometry.robot_poses.pose_numbers import (
+    NUMBER,
     angle_remark,
     checked_metres,
     degrees_of,
     metres_of,
+    number_rows,
+    numbers_of,
     radians_of,
     vector_radians,
 )
@@ -307,7 +309,7 @@ def _fanuc_program(text: str, source: str | Path) -> list[WrittenPose]:
         remarks.append(f"the positions are in several frames: {spelled}")
     if found and remarks:
         said = "; ".join(filter(None, (found[0].remark, *remarks)))
-        found[0] = WrittenPose(**{**vars(found[0]), "remark": said})
+        found[0] = replace(found[0], remark=said)
     return found
 
 

@@ -1,16 +1,33 @@
-"""Poses written as matrices or as plain numbers, whose count and form tell what they are."""
+"""Poses whose numbers have no names: notations, matrices, quaternions, and plain lines of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from exposight.errors import AmbiguousError, PoseError
+from exposight.errors import AmbiguousError, PoseError, did_you_mean
 from exposight.files import ambiguous, current_reading
 from exposight.geometry.poses import ROTATION_TOLERANCE, RigidTransform
-from exposight.geometry.robot_poses.pose_units import UNIT_MM
-from exposight.geometry.robot_poses.printed_poses import WrittenPose, halcon_pose
+from exposight.geometry.robot_poses.pose_numbers import (
+    UNIT_MM,
+    angle_remark,
+    degrees_of,
+    metres_of,
+    number_rows,
+    radians_of,
+    vector_radians,
+)
+from exposight.geometry.robot_poses.printed_poses import (
+    WrittenPose,
+    abb_pairs,
+    halcon_pose,
+    printed_poses,
+    ur_pose,
+)
 
 _FEWEST_DECIMALS = 3
 _NEARER_MM = 10.0
@@ -71,11 +88,16 @@ def check_length_unit(pose: RigidTransform, source: str | Path, what: str) -> No
     AmbiguousError
         If it is below 10 mm, and nobody said in which unit it is.
     """
-    longest = float(np.abs(pose.translation_mm).max())
-    if current_reading().unit is None and 0.0 < longest < _NEARER_MM:
+    if current_reading().unit is None:
+        _ask_unit(pose.translation_mm, source, f"{what}'s translation")
+
+
+def _ask_unit(position: ArrayLike, source: str | Path, what: str) -> None:
+    longest = float(np.abs(position).max())
+    if 0.0 < longest < _NEARER_MM:
         raise ambiguous(
             source,
-            f"is {what}'s translation, {longest:g} at most, in mm or in m?",
+            f"is {what}, {longest:g} at most, in mm or in m?",
             "unit",
             {"m": f"{longest * 1000:g} mm", "mm": f"{longest:g} mm"},
         )
@@ -105,13 +127,13 @@ def plain_poses(
     if counts == {4} and len(rows) == 3:
         return [matrix_pose(np.reshape(every, (3, 4)), source)]
     if len(counts) == 1 and counts <= {12, 16}:
-        return [_named(matrix_pose(np.reshape(n, (-1, 4)), source), name) for name, n in rows]
+        return [replace(matrix_pose(np.reshape(n, (-1, 4)), source), name=name) for name, n in rows]
     if counts == {8}:
         times = [numbers[0] for _, numbers in rows]
         stamps = any(time > _STAMP or not float(time).is_integer() for time in times)
         return [_of_trajectory(numbers, source, stamps=stamps) for _, numbers in rows]
     if counts == {7}:
-        return [_named(_of_seven(numbers, source), name) for name, numbers in rows]
+        return [replace(_of_seven(numbers, source), name=name) for name, numbers in rows]
     if counts == {6}:
         raise _six(source)
     if len(every) in {12, 16}:
@@ -126,10 +148,6 @@ def plain_poses(
         f"robot's notation); got {spelled} numbers" + (" a line" if len(rows) > 1 else "")
     )
     raise PoseError(msg)
-
-
-def _named(pose: WrittenPose, name: str) -> WrittenPose:
-    return WrittenPose(**{**vars(pose), "name": name})
 
 
 def _six(source: str | Path) -> Exception:
@@ -185,13 +203,8 @@ def quaternion_pose(
         )
     unit = unit or reading.unit
     longest = float(np.abs(position).max())
-    if unit is None and 0.0 < longest < _NEARER_MM:
-        raise ambiguous(
-            source,
-            f"is the position, {longest:g} at most, in mm or in m?",
-            "unit",
-            {"m": f"{longest * 1000:g} mm", "mm": f"{longest:g} mm"},
-        )
+    if unit is None:
+        _ask_unit(position, source, "the position")
     unit = unit or "mm"
     if unit == "m" and longest > _NEARER_MM and reading.unit is None:
         msg = (
@@ -236,9 +249,180 @@ def _of_trajectory(numbers: Sequence[float], source: str | Path, *, stamps: bool
     )
     name = f"{numbers[0]:.9f}".rstrip("0").rstrip(".")
     form = "trajectory: time, x y z in m, qx qy qz qw" if stamps else f"number, {pose.form}"
-    return WrittenPose(**{**vars(pose), "name": name, "form": form})
+    return replace(pose, name=name, form=form)
 
 
 def halcon_tuple(numbers: Sequence[float]) -> RigidTransform:
     """Return the pose of seven numbers of a HALCON tuple."""
     return halcon_pose(numbers[:3], numbers[3:6], numbers[6]).pose
+
+
+PoseNotation = Literal[
+    "fanuc",
+    "kuka",
+    "abb",
+    "ur",
+    "quaternion_wxyz",
+    "quaternion_xyzw",
+    "rotation_vector",
+    "halcon",
+    "matrix",
+]
+"""Ways to write a pose; ``docs/conventions.md`` says what each one means."""
+
+
+@dataclass(frozen=True)
+class _Reader:
+    columns: tuple[str, ...]
+    read: Callable[[list[float]], RigidTransform]
+
+
+def _reader(columns: str, read: Callable[[list[float]], RigidTransform]) -> _Reader:
+    return _Reader(tuple(columns.split()), read)
+
+
+_READERS: Mapping[PoseNotation, _Reader] = MappingProxyType(
+    {
+        "fanuc": _reader(
+            "x_mm y_mm z_mm w_deg p_deg r_deg",
+            lambda n: RigidTransform.from_fanuc_wpr(n[:3], n[3], n[4], n[5]),
+        ),
+        "kuka": _reader(
+            "x_mm y_mm z_mm a_deg b_deg c_deg",
+            lambda n: RigidTransform.from_kuka_abc(n[:3], n[3], n[4], n[5]),
+        ),
+        "abb": _reader(
+            "x_mm y_mm z_mm q1 q2 q3 q4",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], n[3:]),
+        ),
+        "ur": _reader(
+            "x_m y_m z_m rx_rad ry_rad rz_rad",
+            ur_pose,
+        ),
+        "quaternion_wxyz": _reader(
+            "x_mm y_mm z_mm qw qx qy qz",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], n[3:]),
+        ),
+        "quaternion_xyzw": _reader(
+            "x_mm y_mm z_mm qx qy qz qw",
+            lambda n: RigidTransform.from_abb_quaternion(n[:3], [n[6], *n[3:6]]),
+        ),
+        "rotation_vector": _reader(
+            "x_mm y_mm z_mm rx_rad ry_rad rz_rad",
+            lambda n: RigidTransform.from_rotation_vector(n[:3], vector_radians(n[3:])),
+        ),
+        "halcon": _reader("x_m y_m z_m r1 r2 r3 type", halcon_tuple),
+        "matrix": _reader(
+            "r11 r12 r13 x_mm r21 r22 r23 y_mm r31 r32 r33 z_mm",
+            lambda n: RigidTransform.from_matrix(np.reshape(n, (-1, 4))),
+        ),
+    }
+)
+
+
+def pose_columns(notation: str) -> tuple[str, ...]:
+    """Return the names of a notation's numbers, with their units, in its order.
+
+    Raises
+    ------
+    PoseError
+        If there is no such `PoseNotation`.
+    """
+    return _reader_of(notation).columns
+
+
+def pose_from_numbers(notation: str, numbers: Sequence[float]) -> RigidTransform:
+    """Return the pose that numbers in some notation mean.
+
+    Parameters
+    ----------
+    notation : str
+        One of `PoseNotation`.
+    numbers : sequence of float
+        As many as `pose_columns` names, in that order and those units; a matrix may have its last
+        row too, 16 numbers.
+
+    Raises
+    ------
+    PoseError
+        If the notation is unknown, the count of numbers is wrong, or they are no pose.
+    """
+    reader = _reader_of(notation)
+    if len(numbers) != len(reader.columns) and (notation, len(numbers)) != ("matrix", 16):
+        msg = f"{_needed(notation, reader)}, got {len(numbers)} numbers"
+        raise PoseError(msg)
+    return reader.read(list(numbers))
+
+
+def poses_of_notation(notation: str, text: str, source: str | Path) -> list[WrittenPose]:
+    """Return the poses in a text whose notation is known.
+
+    Raises
+    ------
+    PoseError
+        As for `pose_from_numbers`, and if the text is of another notation.
+    AmbiguousError
+        If two readings fit equally well.
+    """
+    reader = _reader_of(notation)
+    printed = printed_poses(text, source) or (abb_pairs(text) if notation == "abb" else [])
+    if printed:
+        others = {pose.notation for pose in printed} - {_SAME.get(notation, notation)}
+        if others:
+            msg = f"{source}: expected a {notation} pose, got a {printed[0].form} ({text.strip()})"
+            raise PoseError(msg)
+        return printed
+    needed = {12, 16} if notation == "matrix" else {len(reader.columns)}
+    ways = number_rows(text)
+    for rows in ways:
+        every = [number for _, numbers in rows for number in numbers]
+        if all(len(numbers) in needed for _, numbers in rows):
+            return [_written(notation, numbers, name, source) for name, numbers in rows]
+        if len(every) in needed:
+            return [_written(notation, every, "", source)]
+    if not ways:
+        msg = f"{_needed(notation, reader)}, got '{text}'"
+        raise PoseError(msg)
+    count = sum(len(numbers) for _, numbers in ways[0])
+    msg = f"{_needed(notation, reader)}, got {count} numbers"
+    raise PoseError(msg)
+
+
+_SAME = {"quaternion_wxyz": "abb"}
+"""Notations whose printed forms are another's."""
+
+
+def _written(notation: str, numbers: Sequence[float], name: str, source: str | Path) -> WrittenPose:
+    if notation == "matrix":
+        return matrix_pose(np.reshape(numbers, (-1, 4)), source)
+    position, turn = list(numbers[:3]), list(numbers[3:])
+    remark, unit = "", current_reading().unit
+    if notation in {"ur", "halcon"}:
+        position = metres_of(position)
+    elif notation not in _IN_MM and unit is not None:
+        position = [UNIT_MM[unit] * number for number in position]
+    if notation in {"fanuc", "kuka"}:
+        remark, turn = angle_remark(turn), degrees_of(turn)
+    elif notation in {"ur", "rotation_vector"}:
+        turn = radians_of(turn)
+    pose = pose_from_numbers(notation, [*position, *turn])
+    return WrittenPose(
+        pose=pose, notation=notation, name=name, form=f"{notation} pose", remark=remark
+    )
+
+
+_IN_MM = {"fanuc", "kuka", "abb"}
+
+
+def _reader_of(notation: str) -> _Reader:
+    for known, reader in _READERS.items():
+        if notation == known:
+            return reader
+    *others, last = names = get_args(PoseNotation)
+    msg = f"the notation of a pose must be {', '.join(others)} or {last}, got '{notation}'"
+    raise PoseError(msg + did_you_mean(notation, names))
+
+
+def _needed(notation: str, reader: _Reader) -> str:
+    count = "12 or 16" if notation == "matrix" else f"{len(reader.columns)}"
+    return f"a {notation} pose needs {count} numbers {','.join(reader.columns)}"
