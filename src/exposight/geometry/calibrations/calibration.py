@@ -238,29 +238,9 @@ def recognise_calibration(
     projector_size: tuple[int, int] | None = None,
     second: SecondDevice | None = None,
 ) -> Calibration:
-    """Return the calibration that a file's nodes are, by their shapes and names.
+    """Return the calibration that nodes, of one file or two, are by their shapes and names.
 
-    Parameters
-    ----------
-    file : CalibrationNodes
-        Nodes of one file, or of two that belong together.
-    keys : CalibrationKeys, optional
-        Which nodes are what, for those that the names do not tell.
-    image_size, projector_size : (int, int), px, optional
-        Width and height, where the file does not hold them.
-    second : {'camera', 'projector'}, optional
-        What the second of two devices is, where they are just numbered, or left and right.
-
-    Raises
-    ------
-    FormatError
-        If what is needed is not in it, or malformed; all that is missing is named.
-    AmbiguousError
-        If two readings fit; its message has the keys that answer.
-    PoseError
-        If the rotation is none.
-    ContradictionError
-        If both devices cannot stand so.
+    Parameters and errors are `read_calibration`'s; all that is missing is named.
     """
     keys = keys or CalibrationKeys()
     file, remarks = in_opencv_terms(file)

@@ -34,13 +34,10 @@ class CalibrationNodes:
         The file.
     nodes : mapping of str to ndarray, float or str
         By name; maps within maps become ``outer.inner``, entries of lists ``outer.0``.
-    syntax : str
-        OpenCV XML, JSON, YAML, text, NumPy or MATLAB.
     """
 
     path: Path
     nodes: Mapping[str, Node]
-    syntax: str = ""
 
     def matrix(self, key: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
         """Return a node as an array.
@@ -114,7 +111,7 @@ class CalibrationNodes:
             return self
         start = f"{group}."
         inner = {n.removeprefix(start): v for n, v in self.nodes.items() if n.startswith(start)}
-        return CalibrationNodes(path=self.path, nodes=inner, syntax=self.syntax)
+        return CalibrationNodes(path=self.path, nodes=inner)
 
 
 def read_calibration_nodes(path: str | Path) -> CalibrationNodes:
@@ -142,7 +139,7 @@ def read_calibration_nodes(path: str | Path) -> CalibrationNodes:
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_BYTES + 1)
-        tree, syntax = parse_tree(data, path.suffix.lower())
+        tree = parse_tree(data, path.suffix.lower())
     except SyntaxFault as error:
         msg = f"{path}: not a calibration file that can be read ({error}); {expected}"
         raise FormatError(msg) from error
@@ -153,7 +150,7 @@ def read_calibration_nodes(path: str | Path) -> CalibrationNodes:
     if not nodes:
         msg = f"{path}: {expected}, found no node in it"
         raise FormatError(msg)
-    return CalibrationNodes(path=path, nodes=nodes, syntax=syntax)
+    return CalibrationNodes(path=path, nodes=nodes)
 
 
 def _walk(tree: Tree, name: str) -> Iterator[tuple[str, Node]]:
@@ -269,14 +266,8 @@ def ask_which(
 ) -> AmbiguousError | FormatError:
     """Return the error that asks which node is meant, with the ``--keys`` that answer it.
 
-    Parameters
-    ----------
-    file : CalibrationNodes
-    question : str
-    entry : str
-        The key that answers; empty where the answers hold theirs.
-    answers : sequence of str
-        Nodes that fit. Where there is none, it is an error of the file.
+    `entry` is the key that answers; empty where the answers hold theirs. Where no node fits, it is
+    an error of the file.
     """
     if not answers:
         return FormatError(f"{file.path}: {question} {file.listed()}")

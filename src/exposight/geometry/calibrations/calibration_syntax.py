@@ -29,22 +29,8 @@ from exposight.geometry.calibrations.printed_values import (
 )
 
 
-def parse_tree(data: bytes, suffix: str) -> tuple[Tree, str]:
-    """Parse a calibration file by its content.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    suffix : str
-        Of its name, in lower case; it matters for text alone.
-
-    Returns
-    -------
-    Tree
-        Its content.
-    str
-        Its syntax: OpenCV XML, JSON, YAML, TOML, text, NumPy or MATLAB.
+def parse_tree(data: bytes, suffix: str) -> Tree:
+    """Parse a calibration file by its content, text also by its name's suffix, in lower case.
 
     Raises
     ------
@@ -67,31 +53,31 @@ def parse_tree(data: bytes, suffix: str) -> tuple[Tree, str]:
         raise SyntaxFault(msg) from error
 
 
-def _parsed(data: bytes, suffix: str) -> tuple[Tree, str]:
+def _parsed(data: bytes, suffix: str) -> Tree:
     if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
-        return parse_npz(data), "NumPy"
+        return parse_npz(data)
     if data.startswith(b"\x93NUMPY"):
         array = np.load(io.BytesIO(data), allow_pickle=False)
-        return {"matrix": np.asarray(array, dtype=np.float64)}, "NumPy"
+        return {"matrix": np.asarray(array, dtype=np.float64)}
     if data.startswith((b"\x89HDF", b"MATLAB 7.3")):
         msg = "a MATLAB file of version 7.3; save it with save(…, '-v7') and toStruct(params)"
         raise SyntaxFault(msg)
     if data.startswith(b"MATLAB 5.0"):
-        return parse_mat(data), "MATLAB"
+        return parse_mat(data)
     text = _decoded(data)
     if text.startswith("<"):
-        return _xml(text), "OpenCV XML"
+        return _xml(text)
     if text.startswith('{"') or (text.startswith(("{", "[")) and suffix == ".json"):
-        return _json(text), "JSON"
+        return _json(text)
     if text.startswith("{"):  # YAML's flow style looks alike
         try:
-            return _json(text), "JSON"
+            return _json(text)
         except SyntaxFault:
             return _yaml_or_text(text)
     if suffix == ".toml":
-        return settled(tomllib.loads(text), "matrix"), "TOML"
+        return settled(tomllib.loads(text), "matrix")
     if text.startswith("# oST") or suffix in {".ini", ".csv"}:
-        return parse_text(text), "text"
+        return parse_text(text)
     return _yaml_or_text(text)
 
 
@@ -158,7 +144,7 @@ _BLOCKS = re.compile(r"^\s*(rows|cols|data|FX|CX)\s*:", re.MULTILINE)
 """Lines of matrices in YAML: what has them is no other text, however it was cut off."""
 
 
-def _yaml_or_text(text: str) -> tuple[Tree, str]:
+def _yaml_or_text(text: str) -> Tree:
     try:
         tree = _yaml(text)
     except (yaml.YAMLError, SyntaxFault) as fault:
@@ -172,12 +158,12 @@ def _yaml_or_text(text: str) -> tuple[Tree, str]:
             raise (other if of_text else _yaml_fault(fault)) from fault
         if not _has_arrays(from_text):
             raise _yaml_fault(fault) from fault
-        return from_text, "text"
+        return from_text
     if isinstance(tree, dict):
-        return tree, "YAML"
+        return tree
     if isinstance(tree, np.ndarray) and text.startswith(("[", "- ")):
-        return {"matrix": tree}, "YAML"
-    return parse_text(text), "text"
+        return {"matrix": tree}
+    return parse_text(text)
 
 
 def _has_arrays(tree: Tree) -> bool:

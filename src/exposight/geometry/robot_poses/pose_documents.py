@@ -30,21 +30,12 @@ _DEEPEST = 12
 def document_poses(data: object, source: str | Path, unit: str | None = None) -> list[WrittenPose]:
     """Return the poses in the data of a JSON or YAML document; none where there are none.
 
-    Parameters
-    ----------
-    data : object
-        Lists, mappings, texts and numbers.
-    source : str or Path
-        For messages.
-    unit : str, optional
-        Unit of lengths, if the document says it.
+    Lengths are in `unit`, if the document says it.
 
     Raises
     ------
-    PoseError
-        If something is a pose by its form, and none by its numbers.
-    AmbiguousError
-        If two readings fit.
+    PoseError, AmbiguousError
+        If something is a pose by its form, and none by its numbers, or two readings fit.
     """
     found: list[WrittenPose] = []
     _collect(data, "", source, unit, found, 0)
