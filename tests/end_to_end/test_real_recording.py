@@ -40,7 +40,7 @@ def test_decode_prints_its_counts_and_a_preview(skull, tmp_path, run, run_json):
     ("options", "reason"),
     [
         (("--min-modulation", 200), "no point: none of 2 282 176 pixels was decoded; the patterns"),
-        (("--depth-limits", 0.3, 2), "mm: 0 are nearer and 360 751 farther, from 325"),
+        (("--depth-limits", 0.3, 2), "mm: 0 are nearer and 360 802 farther, from 325"),
     ],
 )
 def test_decode_without_a_point_says_why(skull, run, options, reason):

@@ -17,9 +17,8 @@ COUNTED = {
     **dict.fromkeys(("mean_x_mm", "mean_y_mm", "mean_z_mm"), 0.01),
     "frames_sum": 1e-8,
 }
-"""Pixels at the decoder's limits feel the last bit of their grey value before it is rounded, which
-rays of another instruction set change: a processor with AVX-512 decodes 0.03 % fewer points of a
-whole image, and up to 3 of a ring's 100."""
+"""Rays of another instruction set move a grey value's last bit before it is rounded, and so a pixel
+in 10⁹, with those that are decoded beside it."""
 
 
 def _differences(record: object, now: object, tolerance: float, path: str) -> list[str]:

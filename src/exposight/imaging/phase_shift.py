@@ -156,6 +156,11 @@ def _unwrap_pixel(
     return absolute, ambiguous
 
 
+_AT_LIMIT = 1.0 - 1e-9
+"""Amplitudes of whole grey levels often equal the limit but for their last bit, which differs
+between processors; these are not below it."""
+
+
 @njit(parallel=True, error_model="numpy")
 def _unwrap(
     frames: Levels,
@@ -201,7 +206,7 @@ def _unwrap(
                 amplitude = np.sqrt(cosine[i] * cosine[i] + sine[i] * sine[i]) * scale
                 weakest = min(weakest, amplitude)
             modulation[r, c] = weakest
-            if weakest < min_modulation or weakest <= 0.0:
+            if weakest < min_modulation * _AT_LIMIT or weakest <= 0.0:
                 flag |= LOW_MODULATION
             absolute, uncertain = 0.0, 0.0
             if coarse.size:
