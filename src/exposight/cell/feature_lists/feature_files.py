@@ -66,7 +66,15 @@ def read_features(path: Path, *, reading: Reading | None = None) -> tuple[Featur
     inward = reading.normals == "inward"
     if inward:
         recognised(path, "normals turned outward, as told")
-    return features_from_csv(text, path, inward=inward)
+    features = features_from_csv(text, path, inward=inward)
+    places = np.array([each.part_from_feature.translation_mm for each in features])
+    faults = ListFaults(path)
+    faults.add_stand_ins(
+        dict(zip(("x_mm", "y_mm", "z_mm"), places.T, strict=True)),
+        [f"feature {each.name!r}" for each in features],
+    )
+    faults.settle()
+    return features
 
 
 _NO_LISTS = (
@@ -189,11 +197,6 @@ def features_from_csv(text: str, source: Path, *, inward: bool = False) -> tuple
         except (FeatureError, FormatError) as error:
             faults.add(f"row {number}, feature {cells['name']!r}", error)
     faults.add_repeated(names, numbers)
-    places = np.array([each.part_from_feature.translation_mm for each in features]).reshape(-1, 3)
-    faults.add_stand_ins(
-        dict(zip(("x_mm", "y_mm", "z_mm"), places.T, strict=True)),
-        [f"feature {each.name!r}" for each in features],
-    )
     faults.settle()
     if not features:
         msg = f"{source} lists no feature; expected at least one row under its header"
