@@ -18,11 +18,23 @@ from exposight.cli.model_facts import hyperparameter_table, left_out_table, mode
 from exposight.cli.result import Fact, Result, fact
 from exposight.cli.sensor import camera_facts, sensor_facts
 from exposight.cli.terminal import progress_bars
-from exposight.errors import AmbiguousError, FormatError, MissingFileError, did_you_mean
+from exposight.errors import (
+    AmbiguousError,
+    ExposightError,
+    FormatError,
+    MissingFileError,
+    did_you_mean,
+)
 from exposight.files import read_bytes
-from exposight.geometry import read_calibration, read_calibration_nodes
+from exposight.geometry import (
+    RigidTransform,
+    read_calibration,
+    read_calibration_nodes,
+    read_named_poses,
+    read_pose,
+)
 from exposight.geometry.calibrations.camera_info import camera_info, camera_infos
-from exposight.geometry.meshes.triangle_meshes import MESH_SUFFIXES
+from exposight.geometry.meshes.triangle_meshes import MESH_SUFFIXES, PART_SUFFIXES, read_part_mesh
 from exposight.imaging import SEQUENCE_PRESETS, read_map, read_sequence
 from exposight.measuring import read_state, recorded_driver
 from exposight.models import (
@@ -48,6 +60,8 @@ if TYPE_CHECKING:
 
 _IMAGES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm")
 _CLOUDS = tuple(suffix for suffix in READ_SUFFIXES if suffix != ".csv")
+_CALIBRATIONS = (".xml", ".yml", ".yaml", ".json", ".ini", ".conf", ".mat")
+_PROGRAMS = (".ls", ".src", ".mod", ".modx", ".script", ".urscript")
 _COLUMNS = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
 
@@ -154,13 +168,72 @@ def _campaign(path: Path) -> Iterator[Fact]:
 
 
 @_kind(
-    "scene", f"{SCENE_FILE}, its folder, or features beside {', '.join(MESH_SUFFIXES)}", is_scene
+    "scene",
+    f"{SCENE_FILE}, its folder, or features beside {', '.join(MESH_SUFFIXES)}",
+    lambda path: _is_scene(path),
 )
 def _scene(path: Path) -> Iterator[Fact]:
     scene, sensor = read_scene(path), scene_sensor(path)
     yield from _facts(part=scene.part.name, triangles=len(scene.faces))
     yield _names("features", [feature.name for feature in scene.part.features])
     yield fact("sensor", sensor.name if sensor else None)
+
+
+@_kind(
+    "mesh of a part",
+    ", ".join(PART_SUFFIXES),
+    lambda path: (
+        _named(*PART_SUFFIXES)(path) and (path.suffix.lower() != ".ply" or _has_faces(path))
+    ),
+)
+def _mesh(path: Path) -> Iterator[Fact]:
+    yield fact("read_by", f"exposight part {path.name} -o FOLDER")
+    try:
+        mesh = read_part_mesh(path)
+    except AmbiguousError as error:  # its unit
+        yield fact("open_question", str(error))
+        return
+    size = np.ptp(mesh.vertices, axis=0)
+    yield fact("triangles", len(mesh.faces))
+    yield fact("size_mm", size.tolist(), " × ".join(number(extent) for extent in size) + " mm")
+
+
+def _has_faces(path: Path) -> bool:
+    head = path.read_bytes()[:4000].partition(b"end_header")[0]
+    return b"element face" in head
+
+
+def _is_scene(path: Path) -> bool:
+    """Tell whether a path is a scene; a mesh alone, without features beside it, is none."""
+    if not is_scene(path):
+        return False
+    if path.suffix.lower() not in PART_SUFFIXES:
+        return True
+    beside = (path.with_suffix(".csv"), path.with_name("features.csv"))
+    return any(each.is_file() for each in beside)
+
+
+@_kind("poses", "a robot's program or a 4 × 4 matrix", lambda path: bool(_poses_of(path)))
+def _poses(path: Path) -> Iterator[Fact]:
+    poses = _poses_of(path)
+    yield _names("poses", list(poses))
+    x, y, z = next(iter(poses.values())).translation_mm
+    yield fact("first_at_mm", [x, y, z], f"{number(x)}, {number(y)}, {number(z)} mm")
+
+
+def _poses_of(path: Path) -> dict[str, RigidTransform]:
+    """Return the poses of a robot's program, or of a text with one matrix; else none."""
+    is_program = _named(*_PROGRAMS)(path)
+    if not is_program and not _named(".txt", ".dat", ".tf")(path):
+        return {}
+    if not is_program and path.stat().st_size > 2000:
+        return {}
+    try:
+        return read_named_poses(path) if is_program else {path.stem: read_pose(path)}
+    except ExposightError:
+        if is_program and path.suffix.lower() != ".dat":
+            raise
+        return {}
 
 
 @_kind("model", MODEL_SUFFIX, lambda path: path.suffix == MODEL_SUFFIX or is_model_file(path))
@@ -260,6 +333,23 @@ def _features(path: Path) -> Iterator[Fact]:
     yield _range("radius_mm", [feature.radius_mm for feature in features])
 
 
+@_kind("feature list", ".csv in any dialect", lambda path: _is_list(path))
+def _foreign_features(path: Path) -> Iterable[Fact]:
+    return _features(path)
+
+
+def _is_list(path: Path) -> bool:
+    if not _named(".csv")(path) or _named(".csv", having="x_mm,y_mm,z_mm")(path):
+        return False
+    try:
+        cell.read_features(path)
+    except AmbiguousError:
+        return True
+    except ExposightError:
+        return False
+    return True
+
+
 @_kind("point cloud", ".csv", _named(".csv", having="x_mm,y_mm,z_mm"))
 @_kind("point cloud", ", ".join(_CLOUDS), _named(*_CLOUDS))
 def _cloud(path: Path) -> Iterator[Fact]:
@@ -298,7 +388,7 @@ def _frames(path: Path) -> Iterator[Fact]:
     yield from _image(frames[0])
 
 
-@_kind("calibration", "OpenCV .xml, .yml, .yaml", _named(".xml", ".yml", ".yaml"))
+@_kind("calibration", ", ".join(_CALIBRATIONS), _named(*_CALIBRATIONS))
 def _calibration(path: Path) -> Iterator[Fact]:
     file = read_calibration_nodes(path)
     infos = camera_infos(file)
