@@ -61,6 +61,8 @@ if TYPE_CHECKING:
 _IMAGES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm")
 _CLOUDS = tuple(suffix for suffix in READ_SUFFIXES if suffix != ".csv")
 _CALIBRATIONS = (".xml", ".yml", ".yaml", ".json", ".ini", ".conf", ".mat")
+_MATRIX = 9
+"""Numbers of a camera matrix; a file without an array as large is no calibration."""
 _PROGRAMS = (".ls", ".src", ".mod", ".modx", ".script", ".urscript")
 _COLUMNS = ("exposure_ms", "p_norm", "i_avg", "x_mm", "y_mm", "z_mm", "w_deg", "p_deg")
 
@@ -403,6 +405,8 @@ def _calibration(path: Path) -> Iterator[Fact]:
     try:
         found = read_calibration(path, images="raw")
     except (FormatError, AmbiguousError) as error:  # a size, or which node is what
+        if not any(np.size(node) >= _MATRIX for node in file.nodes.values()):
+            raise
         yield fact("open_question", str(error))
         return
     yield from camera_facts("camera", found.camera)

@@ -101,6 +101,9 @@ def found_features_plot(
     return Plot.of("part", drawing)
 
 
+_UPRIGHT = 0.05
+
+
 def viewing_direction(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return from which direction most features are seen well: (3,), of length 1.
 
@@ -113,13 +116,17 @@ def viewing_direction(normals: NDArray[np.float64]) -> NDArray[np.float64]:
         Outward, of length 1.
     """
     alike = normals @ normals.T > _ALIKE
-    x, y, z = normals[alike[np.argmax(alike.sum(axis=1))]].mean(axis=0)
+    group = alike[np.argmax(alike.sum(axis=1))]
+    x, y, z = normals[group].mean(axis=0)
     elevation, turn = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
     if abs(elevation) > _STEEP:
-        # It leans to where the others face, else to -y: then x is to the right.
-        aside = normals[:, :2].sum(axis=0)
-        others = np.hypot(*aside) > 0.2 * len(normals)
-        turn = np.arctan2(aside[1], aside[0]) if others else -np.pi / 2
+        # It leans to where the others face, else further aside, else to -y: then x is to the right.
+        aside = normals[~group, :2].sum(axis=0)
+        others = bool(np.hypot(*aside) > 0.2 * len(normals))
+        if others:
+            turn = np.arctan2(aside[1], aside[0])
+        elif np.hypot(x, y) < _UPRIGHT:
+            turn = -np.pi / 2
         elevation -= np.sign(elevation) * (_MORE_TILT if others else _TILT)
     else:
         elevation += _TILT if normals[:, 2].sum() > -0.1 else -_TILT
