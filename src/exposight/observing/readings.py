@@ -262,6 +262,8 @@ def pose_contradictions(
 
 _DENSE, _WHOLE = 0.5, 0.8
 _MOST_FILLED = 0.25
+_TRIED_FEATURES = 20
+"""So many features tell whether another pose fits; a part may have hundreds."""
 
 
 def pose_with_holes(
@@ -280,8 +282,10 @@ def pose_with_holes(
     observed : callable
         Returns p_norm of the visible features and the filled shares of their holes.
     """
+    step = -(-len(part.features) // _TRIED_FEATURES)
+    some = replace(part, features=part.features[::step])
     for words, pose in other_poses(camera_from_part):
-        views = masks.view_features(part, sensor, pose, tolerance)
+        views = masks.view_features(some, sensor, pose, tolerance)
         p_norm, filled = observed(views)
         if len(filled) < 2 or float(np.median(p_norm)) < _WHOLE:
             continue
