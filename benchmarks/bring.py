@@ -21,7 +21,7 @@ from benchmarks.bring_cad import cad
 from benchmarks.bring_cases import CASES
 from benchmarks.bring_dialects import dialects
 from benchmarks.bring_folder import call, commands, write_folder
-from benchmarks.contradictions_cases import try_cases
+from benchmarks.contradictions_cases import tried
 from benchmarks.measuring import Figure, at_least, at_most, publish, say
 from exposight.observing import read_observations
 
@@ -77,28 +77,6 @@ def asked() -> list[Figure]:
             mark="true",
             met=not faults,
         ),
-    ]
-
-
-def cases() -> list[Figure]:
-    """Try the cases, print what came of each, and count."""
-    say("trying the cases that users bring")
-    verdicts = list(try_cases(CASES))
-    table = Table("case", "call", "outcome", "said", title="cases")
-    for verdict in verdicts:
-        said = "" if verdict.outcome == "right" else verdict.said[:300]
-        table.add_row(verdict.case, verdict.call[:80], verdict.outcome, said)
-    Console(width=180).print(table)
-    fine = sum(verdict.is_right_or_named for verdict in verdicts)
-    return [
-        Figure(name="cases", value=len(verdicts)),
-        Figure(
-            name="cases_right_or_named",
-            value=fine,
-            mark=f"= {len(verdicts)}",
-            met=fine == len(verdicts),
-        ),
-        at_most("cases_silently_wrong", sum(verdict.is_silent for verdict in verdicts), 0),
     ]
 
 
@@ -160,7 +138,7 @@ def _print_faults(title: str, faults: list[tuple[str, str, str]]) -> None:
 
 def main() -> None:
     """Print all figures."""
-    publish("bring", [*tried_dialects(), *asked(), *cases(), *cad(), *folder_to_plan()])
+    publish("bring", [*tried_dialects(), *asked(), *tried(CASES), *cad(), *folder_to_plan()])
 
 
 if __name__ == "__main__":

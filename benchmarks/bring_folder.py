@@ -65,7 +65,8 @@ def write_folder(folder: Path) -> dict[tuple[str, float], float]:
     hand_eye = RigidTransform.from_fanuc_wpr((30.0, -70.0, 115.0), 2.0, -3.0, 90.5)
     base_from_part = RigidTransform.from_fanuc_wpr((1200.0, 150.0, 320.0), 4.0, -2.0, 35.0)
     program, truth = ["DEF scan()"], {}
-    for number, commanded in enumerate(_poses(sensor, part), start=1):
+    poses = tilted_poses(sensor, part, VIEWS, tilt_deg=20.0, seed=11)
+    for number, commanded in enumerate(poses, start=1):
         name = f"P{number:02d}"
         observer = Observer(part, sensor)
         captures = [cell.capture(float(time_ms), commanded, view=name) for time_ms in TIMES_MS]
@@ -88,13 +89,15 @@ def write_folder(folder: Path) -> dict[tuple[str, float], float]:
     return truth
 
 
-def _poses(sensor: ActiveSensor, part: Part) -> list[RigidTransform]:
-    """Return poses that bring features near the TCP, tilted by up to 20°."""
-    rng = np.random.default_rng(11)
+def tilted_poses(
+    sensor: ActiveSensor, part: Part, count: int, *, tilt_deg: float, seed: int
+) -> list[RigidTransform]:
+    """Return poses that bring features near the TCP, tilted by up to so many degrees."""
+    rng = np.random.default_rng(seed)
     poses = []
-    for feature in rng.choice(np.array(part.features, dtype=object), VIEWS, replace=False):
-        offset_mm, tilt_deg = rng.uniform(-60, 60, 3), rng.uniform(-20, 20, 2)
-        tcp_from_feature = RigidTransform.from_fanuc_wpr(offset_mm, tilt_deg[0], tilt_deg[1], 0.0)
+    for feature in rng.choice(np.array(part.features, dtype=object), count, replace=False):
+        offset_mm, (w_deg, p_deg) = rng.uniform(-60, 60, 3), rng.uniform(-tilt_deg, tilt_deg, 2)
+        tcp_from_feature = RigidTransform.from_fanuc_wpr(offset_mm, w_deg, p_deg, 0.0)
         poses.append(
             sensor.camera_from_tcp @ tcp_from_feature @ feature.part_from_feature.inverse()
         )

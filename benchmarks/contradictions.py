@@ -15,16 +15,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.bring_folder import coarser_sensor
-from benchmarks.contradictions_cases import CASES, heterodyne_rig, try_cases
+from benchmarks.bring_folder import coarser_sensor, tilted_poses
+from benchmarks.contradictions_cases import CASES, heterodyne_rig, tried
 from benchmarks.measuring import Figure, at_most, best_of, publish, say
 from benchmarks.plate import flat_plate, many_holes, plate_capture
 from benchmarks.rig import Rig, fringe
 from benchmarks.sigma_z import sigma_z_ratio
-from exposight.cell import ActiveSensor, Capture, Part, sensor_preset
+from exposight.cell import ActiveSensor, Capture, sensor_preset
 from exposight.contradictions import Contradiction
 from exposight.errors import ContradictionError
 from exposight.geometry import RigidTransform, read_projector_camera
@@ -49,32 +47,6 @@ from exposight.observing.capture_checks import capture_contradictions
 from exposight.observing.observe import Observer
 from exposight.twin import SimulatedCell
 from exposight.twin.cell_settings import SimulatedCellSettings
-
-
-def cases() -> list[Figure]:
-    """Try the cases, print what came of each, and count."""
-    say("trying the cases that users bring")
-    verdicts = list(try_cases(CASES))
-    table = Table("case", "call", "outcome", "said", title="cases")
-    for verdict in verdicts:
-        said = "" if verdict.outcome == "right" else verdict.said[:300]
-        table.add_row(verdict.case, verdict.call[:60], verdict.outcome, said)
-    Console(width=160).print(table)
-    silent = sum(verdict.is_silent for verdict in verdicts)
-    fine = sum(verdict.is_right_or_named for verdict in verdicts)
-    kinds = {verdict.case for verdict in verdicts}
-    return [
-        Figure(name="kinds_of_cases", value=len(kinds)),
-        Figure(name="cases", value=len(verdicts)),
-        at_most("cases_silently_wrong", silent, 0),
-        Figure(
-            name="cases_right_or_named",
-            value=fine,
-            mark=f"= {len(verdicts)}",
-            met=fine == len(verdicts),
-        ),
-    ]
-
 
 # -- false alarms --------------------------------------------------------------------------------
 
@@ -104,7 +76,9 @@ def simulated_captures() -> tuple[int, list[Contradiction]]:
             )
             cell = SimulatedCell(sensor, settings, seed=5)
             sequence = _sequence_of(cell)
-            for number, pose in enumerate(_poses(sensor, cell.part)):
+            for number, pose in enumerate(
+                tilted_poses(sensor, cell.part, _VIEWS, tilt_deg=25.0, seed=3)
+            ):
                 observer = Observer(cell.part, sensor)
                 for exposure_ms in _exposures(sensor):
                     capture = cell.capture(exposure_ms, pose, view=f"v{number}")
@@ -112,19 +86,6 @@ def simulated_captures() -> tuple[int, list[Contradiction]]:
                     found += _found_in_frames(capture, sequence)
                     checked += 1
     return checked, found
-
-
-def _poses(sensor: ActiveSensor, part: Part) -> list[RigidTransform]:
-    """Return poses that bring features near the TCP, tilted by up to 25°."""
-    rng = np.random.default_rng(3)
-    poses = []
-    for feature in rng.choice(np.array(part.features, dtype=object), _VIEWS, replace=False):
-        offset_mm, tilt_deg = rng.uniform(-60, 60, 3), rng.uniform(-25, 25, 2)
-        tcp_from_feature = RigidTransform.from_fanuc_wpr(offset_mm, tilt_deg[0], tilt_deg[1], 0.0)
-        poses.append(
-            sensor.camera_from_tcp @ tcp_from_feature @ feature.part_from_feature.inverse()
-        )
-    return poses
 
 
 def _exposures(sensor: ActiveSensor) -> list[float]:
@@ -368,5 +329,5 @@ def noise() -> list[Figure]:
 if __name__ == "__main__":
     publish(
         "Wrong input is caught by what contradicts it",
-        [*cases(), *codings(), *noise(), *overhead(), *false_alarms()],
+        [*tried(CASES), *codings(), *noise(), *overhead(), *false_alarms()],
     )

@@ -21,7 +21,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
 
+from benchmarks.measuring import Figure, at_most, say
 from benchmarks.rig import Rig, bit, fringe, lit, save, unlit
 from exposight.cell import Cloud, read_cloud, write_cloud
 from exposight.cli import main
@@ -88,6 +91,29 @@ def try_cases(cases: Mapping[str, Case]) -> Iterator[Verdict]:
                     yield _try(name, attempt)
             finally:
                 os.chdir(before)
+
+
+def tried(cases: Mapping[str, Case]) -> list[Figure]:
+    """Try cases, print what came of each, and count."""
+    say("trying the cases that users bring")
+    verdicts = list(try_cases(cases))
+    table = Table("case", "call", "outcome", "said", title="cases")
+    for verdict in verdicts:
+        said = "" if verdict.outcome == "right" else verdict.said[:300]
+        table.add_row(verdict.case, verdict.call[:80], verdict.outcome, said)
+    Console(width=180).print(table)
+    fine = sum(verdict.is_right_or_named for verdict in verdicts)
+    return [
+        Figure(name="kinds_of_cases", value=len(cases)),
+        Figure(name="cases", value=len(verdicts)),
+        Figure(
+            name="cases_right_or_named",
+            value=fine,
+            mark=f"= {len(verdicts)}",
+            met=fine == len(verdicts),
+        ),
+        at_most("cases_silently_wrong", sum(verdict.is_silent for verdict in verdicts), 0),
+    ]
 
 
 def _try(case: str, attempt: Attempt) -> Verdict:

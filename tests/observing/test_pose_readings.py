@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from exposight.contradictions.poses import out_of_reach, out_of_view
+from exposight.contradictions.part_views import out_of_reach, out_of_view
 from exposight.geometry import RigidTransform, camera_from_part_of, other_chains, other_poses
 
 POSE = RigidTransform.from_fanuc_wpr((4, -3, 500), 172, 8, 31)

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from exposight.cell import ActiveSensor, Capture, Part
 from exposight.cli.app import UsageError
-from exposight.contradictions.poses import would_put
+from exposight.contradictions.part_views import would_put
 from exposight.errors import PoseError
 from exposight.geometry import (
     RigidTransform,

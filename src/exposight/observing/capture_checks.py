@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX, ActiveSensor, Capture
-from exposight.contradictions import Contradiction, clouds, places, poses, rings
+from exposight.contradictions import Contradiction, clouds, part_views, places, rings
 from exposight.contradictions.greys import check_greys
 from exposight.geometry import grid_camera, grid_ratio
 from exposight.observing import masks
@@ -22,7 +22,7 @@ CAPTURE_CHECKS = (
     *("saturation-spike", "grey-levels", "mosaic"),
     *(clouds.OWN_PIXELS, clouds.BEHIND, clouds.THINNER),
     *(rings.TOO_MANY, rings.ELSEWHERE),
-    *(poses.OUT_OF_VIEW, poses.OUT_OF_REACH),
+    *(part_views.OUT_OF_VIEW, part_views.OUT_OF_REACH),
     *(places.NO_HOLE, places.SMALL, places.OFF_PLANE, places.OUTSIDE, places.DARK),
 )
 """Names of the checks of captures; see ``docs/contradictions.md``."""

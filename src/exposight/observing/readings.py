@@ -21,7 +21,7 @@ from exposight.cell import (
     Part,
     RingTolerance,
 )
-from exposight.contradictions import Contradiction, clouds, poses
+from exposight.contradictions import Contradiction, clouds, part_views
 from exposight.geometry import RigidTransform, other_poses
 from exposight.observing import masks
 from exposight.observing.point_search import PointSearch
@@ -184,7 +184,7 @@ def pose_that_fits(
 def why_not_visible(part: Part, sensor: ActiveSensor, camera_from_part: RigidTransform) -> str:
     """Return what would make a part's features visible from a pose where none is, or ''."""
     words = [
-        poses.would_put(poses_in_view(part, sensor, camera_from_part), "in view"),
+        part_views.would_put(poses_in_view(part, sensor, camera_from_part), "in view"),
         "with their normals turned they would be visible: give the outward normals, or say "
         "--read-as normals=inward"
         if n_visible(_with_turned_normals(part), sensor, camera_from_part)
@@ -252,12 +252,12 @@ def pose_contradictions(
     visible = [view for view in views if view.visibility is masks.Visibility.VISIBLE]
     if not visible:
         readings = poses_in_view(part, sensor, camera_from_part)
-        yield poses.out_of_view(reasons, readings, view=name)
+        yield part_views.out_of_view(reasons, readings, view=name)
         return
     distance = np.array([view.camera_from_feature.translation_mm[2] for view in visible])
-    if poses.out_of_reach(distance, sensor.working_distance_mm, ()) is not None:
+    if part_views.out_of_reach(distance, sensor.working_distance_mm, ()) is not None:
         readings = poses_in_view(part, sensor, camera_from_part)
-        yield poses.out_of_reach(distance, sensor.working_distance_mm, readings)
+        yield part_views.out_of_reach(distance, sensor.working_distance_mm, readings)
 
 
 _DENSE, _WHOLE = 0.5, 0.8

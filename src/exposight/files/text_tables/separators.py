@@ -13,7 +13,7 @@ from pathlib import Path
 
 from exposight.errors import FormatError, first_ten
 from exposight.files.reading import Reading, ambiguous
-from exposight.files.text_tables.splits import MARKS, Candidate, Split
+from exposight.files.text_tables.cell_splits import MARKS, Candidate, Split
 from exposight.files.text_tables.written_numbers import is_missing, is_plain, thousands_mark
 
 _TORN_OFF = re.compile(r"^[,;|]|[,;|]$")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from exposight.errors import FormatError
 from exposight.files.reading import Reading
+from exposight.files.text_tables.cell_splits import MARKS, Candidate, Split
 from exposight.files.text_tables.columns import looks_like_names
 from exposight.files.text_tables.separators import ragged_rows, recognise_split
-from exposight.files.text_tables.splits import MARKS, Candidate, Split
 from exposight.files.text_tables.written_numbers import is_missing, is_plain
 
 COMMENTS = ("//", "#", "%")

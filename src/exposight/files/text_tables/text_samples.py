@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from exposight.errors import FormatError
 from exposight.files.reading import Reading
+from exposight.files.text_tables.cell_splits import MARKS
 from exposight.files.text_tables.encodings import encoding_remark, recognise_encoding
-from exposight.files.text_tables.splits import MARKS
 from exposight.files.text_tables.table_layout import (
     COMMENTS,
     Expected,
