@@ -21,7 +21,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check docs bench requirements clean
+.PHONY: help demo test quick fuzz check docs bench requirements clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
@@ -46,6 +46,9 @@ test: $(DEVELOP)  ## Run the tests
 
 quick: $(DEVELOP)  ## Run the tests but for the slow ones
 	$(PYTEST) -m "not slow"
+
+fuzz: $(DEVELOP)  ## Read 5000 mutants of each format
+	$(RUN) -m tests.fuzz.mutants
 
 check: $(DEVELOP)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m ruff format --check .

@@ -24,6 +24,7 @@ from exposight.files.durable import (
     sweep_unfinished,
     write_durably,
 )
+from exposight.files.foreign import parse_apart, parsing
 from exposight.files.reading import (
     UNITS_MM,
     UNITS_MS,

@@ -47,8 +47,9 @@ def check_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(matrix).all():
         msg = "a rotation must be finite, got NaN or infinity; check the pose that was read"
         raise PoseError(msg)
-    deviation = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
-    if deviation > ROTATION_TOLERANCE:
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if not deviation <= ROTATION_TOLERANCE:  # NaN of products that overflow, too
         msg = (
             f"not a rotation: RᵀR differs from the identity by {deviation:.2g} (at most "
             f"{ROTATION_TOLERANCE:g} is allowed); remove scale or shear, and check that the "
