@@ -1,5 +1,12 @@
 """Files that are whole or absent: durable writing, locks, documents, headers, kept pieces."""
 
+from exposight.files.archives import (
+    MOST_MEMBERS,
+    MOST_UNPACKED,
+    read_array,
+    read_arrays,
+    read_members,
+)
 from exposight.files.documents import (
     Checksum,
     DocumentFormat,
