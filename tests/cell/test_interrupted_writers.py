@@ -88,7 +88,7 @@ def command(script: str, *arguments: object) -> list[str]:
 def interrupted(tmp_path_factory) -> list[Path]:
     """Folders left by writers killed at their first, second, … step; the last one got through."""
     root = tmp_path_factory.mktemp("interrupted")
-    subprocess.run(command(AT_EVERY_STEP, root, *EXPOSURES), check=True, timeout=60)
+    subprocess.run(command(AT_EVERY_STEP, root, *EXPOSURES), check=True, timeout=300)
     return sorted(root.iterdir())
 
 

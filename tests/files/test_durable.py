@@ -1,6 +1,10 @@
 import errno
 import hashlib
 import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -135,6 +139,109 @@ def test_sweeping_removes_only_what_is_unfinished(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"whole")
     sweep_unfinished(tmp_path)
     assert names(tmp_path) == ["a.bin"]
+
+
+HALF = """
+import os, signal, sys, time
+from pathlib import Path
+from exposight.files import durable_folder, write_durably
+
+def stop(path, data):
+    print(path.name, flush=True)
+    time.sleep(60)
+
+Path.write_bytes = stop
+if sys.argv[2] == "file":
+    write_durably(Path(sys.argv[1]) / "a.bin", b"new")
+else:
+    with durable_folder(Path(sys.argv[1]) / "f") as unfinished:
+        (unfinished / "a").touch()
+        stop(unfinished, b"")
+"""
+
+
+@contextmanager
+def writer_in_the_middle(folder: Path, kind: str):
+    """Run a writer in another process; it is killed at the end."""
+    command = [sys.executable, "-c", HALF, str(folder), kind]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+        process.kill()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks there")
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_whoever_writes_next_removes_what_a_killed_writer_left_but_no_living_one_s(tmp_path, kind):
+    with writer_in_the_middle(tmp_path, kind) as name:
+        write_durably(tmp_path / "b.bin", b"new")
+        assert names(tmp_path) == [name, "b.bin"]
+    write_durably(tmp_path / "b.bin", b"newer")
+    assert names(tmp_path) == ["b.bin"]
+
+
+@pytest.mark.parametrize("name", [".a.bin.0123abcd.unfinished", ".00000000-0123abcd.unfinished"])
+def test_what_another_machine_may_be_writing_is_left_for_a_day(tmp_path, name):
+    (tmp_path / name).write_bytes(b"half")
+    write_durably(tmp_path / "b.bin", b"new")
+    assert names(tmp_path) == [name, "b.bin"]
+    yesterday = time.time() - 86500
+    os.utime(tmp_path / name, (yesterday, yesterday))
+    write_durably(tmp_path / "b.bin", b"newer")
+    assert names(tmp_path) == ["b.bin"]
+
+
+def test_a_file_swept_before_its_writer_locked_it_is_made_again(tmp_path, monkeypatch):
+    touch = Path.touch
+    swept = []
+
+    def make(path):
+        touch(path)
+        if not swept:
+            swept.append(path)
+            path.unlink()
+
+    monkeypatch.setattr(Path, "touch", make)
+    write_durably(tmp_path / "a.bin", b"new")
+    assert swept
+    assert names(tmp_path) == ["a.bin"]
+
+
+def test_files_of_users_are_not_taken_for_unfinished_ones(tmp_path):
+    for name in ("thesis.unfinished", ".unfinished", ".notes.unfinished"):
+        (tmp_path / name).write_bytes(b"mine")
+        assert not is_unfinished(tmp_path / name)
+
+
+def test_a_disk_without_locks_is_written_and_what_is_left_there_stays_a_day(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def refuse(_descriptor, _kind):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    with writer_in_the_middle(tmp_path, "file") as name:
+        pass
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    write_durably(tmp_path / "b.bin", b"new")
+    assert names(tmp_path) == [name, "b.bin"]
+
+
+def test_names_of_255_bytes_are_written(tmp_path):
+    name = "é" * 127 + "n"
+    write_durably(tmp_path / name, b"new")
+    with durable_folder(tmp_path / f"{name[:-1]}f"):
+        pass
+    assert names(tmp_path) == sorted([name, f"{name[:-1]}f"])
+
+
+def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(_path, _data):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "write_bytes", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_durably(tmp_path / "a.bin", b"new")
+    assert names(tmp_path) == []
 
 
 def test_what_cannot_be_read_is_named(tmp_path):

@@ -4,16 +4,24 @@ A crash, a kill or a full disk in the middle of writing must not leave half a fi
 name. So everything is written under a temporary name, pushed to the disk (``fsync``), and
 only then renamed; POSIX makes the rename atomic. The folder is pushed to the disk too, because the
 name lives there.
+
+Who is killed leaves what has a temporary name; whoever writes next beside it removes it. That its
+writer is dead is known from a lock, which ends with the process that holds it.
 """
 
 import errno
 import hashlib
 import logging
 import os
+import platform
+import re
 import secrets
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+import stat
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, Timeout
@@ -21,7 +29,12 @@ from filelock import BaseFileLock, FileLock, Timeout
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
 
 WRITER_LOCK = "writer.lock"
-_SUFFIX = ".unfinished"
+_HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+"""This machine in a temporary name: what locks say of another's writers depends on the disk."""
+_UNFINISHED = re.compile(r"\.(?:[0-9a-f]{8}-|.+\.)[0-9a-f]{8}\.unfinished")
+"""Temporary names: machine and chance; of earlier versions final name and chance."""
+_DAY_S = 86400.0
+"""Where a lock does not tell, what has not changed for so long has no writer any more."""
 _logger = logging.getLogger(__name__)
 
 
@@ -44,14 +57,14 @@ def write_durably(path: Path, data: bytes) -> None:
     """
     path = Path(os.path.realpath(path)) if Path(path).is_symlink() else Path(path)
     _check_replaceable(path)
-    unfinished = _unfinished_name(path)
     try:
-        unfinished.write_bytes(data)
-        _sync(unfinished)
-        unfinished.replace(path)
-        _sync_folder(path.parent)
+        _sweep_dead(path.parent)
+        with _unfinished(path.parent, Path.touch) as unfinished:
+            unfinished.write_bytes(data)
+            _sync(unfinished)
+            unfinished.replace(path)
+            _sync_folder(path.parent)
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
         raise _refused(path, error) from error
 
 
@@ -76,26 +89,23 @@ def durable_folder(path: Path) -> Iterator[Path]:
         If the disk is full or refuses for another reason, or `path` exists already.
     """
     path = Path(path)
-    unfinished = _unfinished_name(path)
     try:
-        unfinished.mkdir()
-        yield unfinished
-        for file in sorted(unfinished.iterdir()):
-            _sync(file)
-        _sync_folder(unfinished)
-        if path.exists():  # rename would silently replace an empty folder
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
-        unfinished.rename(path)
-        _sync_folder(path.parent)
+        with _unfinished(path.parent, Path.mkdir) as unfinished:
+            yield unfinished
+            for file in sorted(unfinished.iterdir()):
+                _sync(file)
+            _sync_folder(unfinished)
+            if path.exists():  # rename would silently replace an empty folder
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+            unfinished.rename(path)
+            _sync_folder(path.parent)
     except OSError as error:
         raise _refused(path, error) from error
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def is_unfinished(path: Path) -> bool:
     """Tell whether a name is the temporary one of a file or folder being written."""
-    return Path(path).name.endswith(_SUFFIX)
+    return _UNFINISHED.fullmatch(Path(path).name) is not None
 
 
 def sweep_unfinished(folder: Path) -> None:
@@ -107,10 +117,77 @@ def sweep_unfinished(folder: Path) -> None:
         Nobody else may be writing in it.
     """
     for entry in list(filter(is_unfinished, Path(folder).iterdir())):
-        if entry.is_dir():
-            shutil.rmtree(entry, ignore_errors=True)
-        else:
-            entry.unlink(missing_ok=True)
+        _remove(entry)
+
+
+def _sweep_dead(folder: Path) -> None:
+    """Remove what killed writers left in a folder, where others may be writing."""
+    entries: list[Path] = []
+    with suppress(OSError):  # writing in it will tell
+        entries += filter(is_unfinished, folder.iterdir())
+    for entry in entries:
+        with suppress(OSError), _locked(entry) as locked:  # held by its writer, or another's
+            certain = locked and entry.name.startswith(f".{_HERE}-")
+            if certain or time.time() - entry.lstat().st_mtime > _DAY_S:
+                _remove(entry)
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir():
+        shutil.rmtree(entry, ignore_errors=True)
+    else:
+        entry.unlink(missing_ok=True)
+
+
+@contextmanager
+def _unfinished(folder: Path, make: Callable[[Path], None]) -> Iterator[Path]:
+    """Make a temporary file or folder; it is locked within the block, and removed at its end.
+
+    Its name is short whatever the final one is, so that names of 255 bytes can be written.
+    """
+    with ExitStack() as stack:
+        while True:
+            path = folder / f".{_HERE}-{secrets.token_hex(4)}.unfinished"
+            stack.callback(_remove, path)
+            make(path)
+            with suppress(BlockingIOError, FileNotFoundError):  # swept before it was locked
+                stack.enter_context(_locked(path))
+                break
+        yield path
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[bool]:
+    """Hold the lock of a temporary file or folder; whether this system and disk have locks.
+
+    Raises
+    ------
+    OSError
+        If another process holds it, or it is neither a file nor a folder of this user.
+    """
+    if sys.platform == "win32":  # which moves no open file; there a day's age decides
+        yield False
+        return
+    import fcntl
+
+    kind = path.lstat().st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    access = os.O_RDONLY if stat.S_ISDIR(kind) else os.O_RDWR  # a network disk asks for it
+    descriptor = os.open(path, access | os.O_NOFOLLOW)
+    try:
+        locked = True
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:  # no locks on this disk
+            locked = False
+        if not os.path.samestat(os.fstat(descriptor), path.lstat()):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+        yield locked
+    finally:
+        os.close(descriptor)
 
 
 def _check_replaceable(path: Path) -> None:
@@ -119,10 +196,6 @@ def _check_replaceable(path: Path) -> None:
         kind = "a folder" if path.is_dir() else "a device, a pipe or the like"
         msg = f"{path} was not written: it is {kind}, not a file; give the name of a file"
         raise FileError(msg)
-
-
-def _unfinished_name(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}{_SUFFIX}")
 
 
 def _sync(path: Path) -> None:
