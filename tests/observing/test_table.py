@@ -1,5 +1,6 @@
 """The observation table: what comes back from disk, and what is refused."""
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -256,7 +257,7 @@ def test_a_file_that_is_something_else(tmp_path, suffix, content):
     path.write_bytes(content)
     with pytest.raises(
         FormatError,
-        match=f"table{suffix}(: not a readable| is empty| holds zeros|: missing columns view)",
+        match=f"table{suffix}( is not a readable| is empty| holds zeros|: missing columns view)",
     ):
         read_observations(path)
 
@@ -267,6 +268,26 @@ def test_a_parquet_file_cut_short(tmp_path):
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(FormatError, match="not a readable observation table"):
         read_observations(path)
+
+
+@suffixes
+@pytest.mark.parametrize("pattern", ["obs[1]", "obs?", "*", "obs[0-9]"])
+def test_a_name_is_no_pattern(tmp_path, suffix, pattern):
+    table_of(MEASURED, MEASURED).write(tmp_path / f"obs1{suffix}")
+    named = tmp_path / f"{pattern}{suffix}"
+    with pytest.raises(MissingFileError, match="no such observation table"):
+        read_observations(named)
+    table_of(UNMEASURED).write(named)
+    assert read_observations(named).names("feature").tolist() == ["f2"]
+    assert len(read_observations(tmp_path / f"obs1{suffix}")) == 2
+
+
+@suffixes
+def test_a_table_knows_the_checksum_of_the_bytes_it_was_read_from(tmp_path, suffix):
+    path = tmp_path / f"table{suffix}"
+    said = table_of(MEASURED).write(path)
+    assert said == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert read_observations(path).sha256 == said
 
 
 def test_a_folder_that_is_not_there(tmp_path):

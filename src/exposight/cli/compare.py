@@ -14,7 +14,7 @@ from exposight.cli.app import UsageError
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import ExposightError, FormatError, InputError, MissingFileError
-from exposight.files import make_folder, sha256_of
+from exposight.files import make_folder
 from exposight.measuring import measure_observations
 from exposight.models import MODEL_SUFFIX, P_NORM_MIN, Predictor, WindowModel, load_model
 from exposight.observing import ObservationTable, observe_campaign, read_observations
@@ -144,7 +144,7 @@ def compare_command(
             confidence=confidence,
             progress=progress,
         )
-    learnt = _learnt_from(table, pairs, sweep)
+    learnt = _learnt_from(table, pairs)
     if learnt:
         about = {**comparison.about, "learnt_from_this_sweep": learnt}
         comparison = replace(comparison, about=about)
@@ -257,18 +257,15 @@ def _notes(
     return tuple(notes)
 
 
-def _learnt_from(
-    table: ObservationTable, pairs: tuple[SensorModels, ...], sweep: Path | None
-) -> tuple[str, ...]:
+def _learnt_from(table: ObservationTable, pairs: tuple[SensorModels, ...]) -> tuple[str, ...]:
     """Say of each model that has learnt from the sweep that its scores tell nothing."""
-    sha256 = sha256_of(sweep.read_bytes()) if sweep is not None and sweep.is_file() else None
     rings = table.measured().frame.unique(["feature", "view"], maintain_order=True)
     out = []
     for model in (pair.quality for pair in pairs):
         n = int(model.has_learnt(rings).sum()) if isinstance(model, WindowModel) else 0
         if n:
             what = f"{n} of {counted(rings.height, 'ring')} of this sweep"
-        elif sha256 is not None and model.provenance.observations_sha256 == sha256:
+        elif table.sha256 is not None and model.provenance.observations_sha256 == table.sha256:
             what = "this very table"
         else:
             continue

@@ -1,6 +1,5 @@
 """``exposight evaluate``: models on held-out observations."""
 
-import hashlib
 from pathlib import Path
 from typing import Annotated
 
@@ -46,11 +45,10 @@ def evaluate_command(
         check_picture(picture)
     written = () if picture is None else (Written.at(picture, "picture", inputs=files),)
     table = read_observations(observations)
-    sha256 = hashlib.sha256(observations.read_bytes()).hexdigest()
     loaded = [load_model(path) for path in paths]
     models = with_chains(loaded)
     scores = ModelScores(evaluations=tuple(evaluate(model, table) for model in models))
-    known = [model.name for model in loaded if model.provenance.observations_sha256 == sha256]
+    known = [model.name for model in loaded if model.provenance.observations_sha256 == table.sha256]
     notes = list(scores.remarks)
     of_quality = [model for model in models if model.target == "p_norm"]
     afterwards = [model.name for model in of_quality if "i_avg" in model.inputs]

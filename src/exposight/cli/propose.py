@@ -20,7 +20,6 @@ from exposight.cli.candidate_views import (
 )
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.errors import InputError, SensorError
-from exposight.files import sha256_of
 from exposight.models import (
     MODEL_SUFFIX,
     QUALITY,
@@ -200,11 +199,12 @@ def _quality_model(path: Path) -> WindowModel:
 
 def _captured(model: WindowModel, paths: Sequence[Path]) -> ObservationTable:
     """Read what was captured since a model was trained."""
-    for path in paths:
-        if path.is_file() and sha256_of(path.read_bytes()) == model.provenance.observations_sha256:
+    tables = list(map(read_observations, paths))
+    for path, table in zip(paths, tables, strict=True):
+        if table.sha256 == model.provenance.observations_sha256:
             msg = f"{path}: {model.name} was trained on it; give what was captured since"
             raise InputError(msg)
-    return ObservationTable.concat(list(map(read_observations, paths)))
+    return ObservationTable.concat(tables)
 
 
 def _known_before(model: WindowModel, table: ObservationTable) -> list[str]:

@@ -1,6 +1,5 @@
 """``exposight train``: observations to models."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -137,7 +136,7 @@ def train_command(
     make_folder(output, "the models")
     of_table: dict[str, Any] = {
         "source": observations.name,
-        "source_sha256": hashlib.sha256(observations.read_bytes()).hexdigest(),
+        "source_sha256": table.sha256,
         "sensor": trained_sensor,
         "seed": seed,
     }
@@ -211,7 +210,7 @@ def _observed(
         table = observe_campaign(campaign, progress=progress)
     make_folder(output, "the models")
     file = Written.at(output / "observations.csv", "observations")
-    table.write(file.path)
+    table = replace(table, sha256=table.write(file.path), checked=True)
     return file.path, table, campaign.sensor, [file]
 
 

@@ -241,7 +241,7 @@ def _read(
             'as "{view}/depth_{exposure}us"'
         )
         raise InputError(msg)
-    form = settings.form
+    form, source = settings.form, _source(recording)
     capture = cell.Capture(
         view=recording.view,
         exposure_ms=recording.exposure_ms or 0.0,
@@ -250,9 +250,12 @@ def _read(
         camera_from_part=pose,
         bit_depth=form.bit_depth,
         brightness_source=form.brightness_source,
-        attachments={_SOURCE: json.dumps(_source(recording), indent=1).encode()},
+        attachments={_SOURCE: json.dumps(source, indent=1).encode()},
     )
     capture.check_fits(settings.sensor)
+    if _source(recording) != source:
+        msg = "its files changed while they were read; collect it again when they are complete"
+        raise InputError(msg)
     return capture
 
 

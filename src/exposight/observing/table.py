@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.contradictions import Contradiction, settle
 from exposight.contradictions.observed_rows import row_contradictions
-from exposight.files import write_durably
+from exposight.files import read_bytes, sha256_of, write_durably
 from exposight.observing import schema
 from exposight.observing.masks import Visibility
-from exposight.observing.table_files import WRONG_SUFFIX, parse_csv, read_frame
+from exposight.observing.table_files import WRONG_SUFFIX, frame_in, parse_csv
 from exposight.statistics import random_split, split_by_group
 from exposight.tables import Column, Table, counted, number
 
@@ -46,6 +46,8 @@ class ObservationTable:
         `from_frame` makes such a frame of one that leaves columns out.
     contradictions : tuple of Contradiction
         What did not agree in the captures that were observed; files do not keep it.
+    sha256 : str, optional
+        SHA-256 of the file's bytes that it was read from.
     checked : bool
         True for rows of a table that was checked before.
 
@@ -57,6 +59,7 @@ class ObservationTable:
 
     frame: pl.DataFrame
     contradictions: tuple[Contradiction, ...] = ()
+    sha256: str | None = None
     checked: InitVar[bool] = False
 
     def __post_init__(self, checked: bool) -> None:
@@ -235,8 +238,13 @@ class ObservationTable:
             remarks.append(f"{counted(repeated, 'row')} of the table {verb} another one exactly")
         return tuple(remarks)
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | Path) -> str:
         """Write the table durably as CSV or, by the suffix ``.parquet``, as Parquet.
+
+        Returns
+        -------
+        str
+            SHA-256 of the file.
 
         Raises
         ------
@@ -252,7 +260,9 @@ class ObservationTable:
                 self.frame.write_parquet(buffer)
             case suffix:
                 raise errors.FormatError(WRONG_SUFFIX.format(path, suffix))
-        write_durably(path, buffer.getvalue())
+        data = buffer.getvalue()
+        write_durably(path, data)
+        return sha256_of(data)
 
     def _repr_html_(self) -> str:
         measured = self.measured()
@@ -293,10 +303,15 @@ def read_observations(path: str | Path) -> ObservationTable:
         If rings have more points than pixels; what may be right is in ``contradictions``.
     """
     path = Path(path)
-    _check_file(path, "observation table")
+    data = _content(path, "observation table")
     try:
-        table = ObservationTable.from_frame(read_frame(path))
-        return dataclasses.replace(table, contradictions=settle(_row_contradictions(table.frame)))
+        table = ObservationTable.from_frame(frame_in(data, path))
+        return dataclasses.replace(
+            table,
+            contradictions=settle(_row_contradictions(table.frame)),
+            sha256=sha256_of(data),
+            checked=True,
+        )
     except errors.ContradictionError as error:
         msg = f"{path}: {error}"
         raise error.named(msg) from error
@@ -349,8 +364,7 @@ def read_inputs(
         If it cannot be parsed, lacks a column or has it in another unit, or it is not a number.
     """
     path = Path(path)
-    _check_file(path, "table")
-    frame = read_frame(path, columns)
+    frame = frame_in(_content(path, "table"), path, columns)
     wanted = tuple(dict.fromkeys(("feature", "view", "exposure_ms", *columns, "p_norm", *optional)))
     present = [name for name in wanted if name in frame.columns]
     try:
@@ -383,15 +397,15 @@ def _row_contradictions(frame: pl.DataFrame) -> tuple[Contradiction, ...]:
     )
 
 
-def _check_file(path: Path, what: str) -> None:
-    """Check that there is a file, and say what a folder of that name may be."""
-    if path.is_file():
-        return
+def _content(path: Path, what: str) -> bytes:
+    """Return a file's bytes; say what a folder of that name may be."""
     if (path / "campaign.json").is_file():
         msg = f"{path}: a campaign's folder, no {what}; `exposight observe` makes a table of it"
         raise errors.FormatError(msg)
     if path.is_dir():
         msg = f"{path}: a folder; expected the file of the {what}, .csv or .parquet"
         raise errors.FormatError(msg)
-    msg = f"{path}: no such {what}"
-    raise errors.MissingFileError(msg)
+    if not path.exists():
+        msg = f"{path}: no such {what}"
+        raise errors.MissingFileError(msg)
+    return read_bytes(path, what)

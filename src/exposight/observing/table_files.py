@@ -7,6 +7,7 @@ columns are found by their names and converted to the known ones, and what was r
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -23,7 +24,9 @@ from exposight.files import (
     ambiguous,
     current_reading,
     match_columns,
+    parse_apart,
     parse_table,
+    parsing,
     recognised,
     remarks_on,
 )
@@ -33,6 +36,8 @@ from exposight.observing.schema import REQUIRED, SCHEMA
 
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv")
 """File suffixes of tables as text."""
+
+_PARQUET_PARSER = Path(__file__).with_name("parquet_parser.py")
 
 WRONG_SUFFIX = "{}: an observation table ends in .csv or .parquet, got '{}'"
 
@@ -74,12 +79,15 @@ _EMPTY_AS_WORDS = tuple(
 """Columns of numbers that may be without a value: NaN is one."""
 
 
-def read_frame(path: Path, required: Sequence[str] = REQUIRED) -> pl.DataFrame:
-    """Return the frame in a table's file, known columns under their names and in their units.
+def frame_in(data: bytes, path: Path, required: Sequence[str] = REQUIRED) -> pl.DataFrame:
+    """Return the frame in a table's bytes, known columns under their names and in their units.
 
     Parameters
     ----------
+    data : bytes
+        The file's content. No function of polars takes the path: to it a name is a pattern.
     path : Path
+        Its suffix tells the format, and messages name it.
     required : sequence of str
         Columns that it must have.
 
@@ -91,15 +99,17 @@ def read_frame(path: Path, required: Sequence[str] = REQUIRED) -> pl.DataFrame:
         If two readings of its numbers, or of a unit, fit equally well.
     """
     suffix = path.suffix.lower()
-    try:
-        if suffix == ".parquet":
-            return pl.read_parquet(path)
-        if suffix not in TEXT_SUFFIXES:
-            raise FormatError(WRONG_SUFFIX.format(path, path.suffix.lower()))
-        data = path.read_bytes()
-    except (pl.exceptions.PolarsError, OSError) as error:
-        msg = f"{path}: not a readable observation table ({str(error).splitlines()[0]})"
-        raise FormatError(msg) from error
+    if suffix == ".parquet":
+        what = "observation table in Parquet"
+        found = parse_apart(_PARQUET_PARSER, data, source=path, what=what)
+        return pl.read_ipc_stream(io.BytesIO(found["arrow"].tobytes()))
+    if suffix not in TEXT_SUFFIXES:
+        raise FormatError(WRONG_SUFFIX.format(path, suffix))
+    with parsing(path, "observation table"):
+        return _frame_in_text(data, path, required)
+
+
+def _frame_in_text(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
     frame = _own_form(data, required)
     if frame is None:
         return _dialect(data, path, required)
