@@ -1,6 +1,7 @@
 """Wrong calls and failures: exit status, one line for people, one JSON object for machines."""
 
 import json
+import tempfile
 
 import pytest
 
@@ -63,3 +64,35 @@ def test_a_failure_is_one_line_or_one_json_object(tmp_path, run):
 )
 def test_names_that_are_nearly_right_are_suggested(words, meant, run):
     assert f"did you mean {meant}?" in run(*words).stderr
+
+
+class Raising:
+    """Raises when it is looked through."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def __iter__(self):
+        raise self._error
+
+
+def test_a_fault_of_exposight_is_told_in_a_line_and_kept_in_a_file(tmp_path, monkeypatch, run):
+    monkeypatch.setattr("exposight.cli.info.KINDS", Raising(KeyError("no such thing")))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ended = run("info", __file__, "--json")
+    assert ended.exit_code == 70
+    error = json.loads(ended.stdout)["error"]
+    assert error["type"] == "InternalError"
+    assert "a fault of exposight" in error["message"]
+    (kept,) = tmp_path.glob("exposight-fault-*.txt")
+    assert str(kept) in error["message"]
+    assert "Traceback" in kept.read_text()
+    assert "no such thing" in kept.read_text()
+
+
+def test_too_little_memory_is_no_fault(monkeypatch, run):
+    monkeypatch.setattr("exposight.cli.info.KINDS", Raising(MemoryError("cannot have 18 GiB")))
+    ended = run("info", __file__)
+    assert ended.exit_code == 1
+    assert "18 GiB" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from itertools import pairwise
 import pytest
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FileError, InputError, NumericalError
+from exposight.errors import FileError, InputError, MissingFileError, NumericalError
 from exposight.measuring import measure, measure_observations
 from exposight.measuring.record import check_record
 from exposight.observing import observe_campaign
@@ -33,18 +34,18 @@ START_S = 60.0
 class Cluster:
     """A scheduler and its workers, of two threads each, in processes of their own."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, *options):
         self.processes = []
         self.workers = []
         file = folder / "scheduler.json"
-        self._start("scheduler", "--port", "0", "--scheduler-file", file)
+        self.start("scheduler", "--port", "0", "--scheduler-file", file, *options)
         deadline = time.monotonic() + START_S
         while not file.exists() or not file.read_text():
             assert time.monotonic() < deadline
             time.sleep(0.05)
         self.address = json.loads(file.read_text())["address"]
 
-    def _start(self, *words):
+    def start(self, *words):
         options = ("--host", "127.0.0.1", "--no-dashboard")
         self.processes.append(
             subprocess.Popen(
@@ -61,9 +62,7 @@ class Cluster:
         """Start workers until so many are alive, and wait until the scheduler knows them."""
         self.workers = [worker for worker in self.workers if worker.poll() is None]
         while len(self.workers) < count:
-            self.workers.append(
-                self._start("worker", self.address, "--nthreads", "2", "--no-nanny")
-            )
+            self.workers.append(self.start("worker", self.address, "--nthreads", "2", "--no-nanny"))
         with distributed.Client(self.address, timeout=START_S, set_as_default=False) as client:
             client.wait_for_workers(count, timeout=START_S)
         return self
@@ -249,3 +248,53 @@ def test_without_dask(monkeypatch):
 def test_workers_here_and_a_cluster_are_not_mixed(sheet_plan, cell):
     with pytest.raises(InputError, match="got 2 workers and the cluster 'tcp://host:8786'; choose"):
         measure_observations(sheet_plan, cell(sheet_plan), workers=2, cluster="tcp://host:8786")
+
+
+ELSEWHERE = "tcp://192.0.2.1:8786"  # an address that nobody has (RFC 5737)
+
+
+def test_a_scheduler_on_another_machine_needs_tls_or_trust():
+    with pytest.raises(InputError, match="on another machine and without TLS"):
+        list(DaskCluster(ELSEWHERE).run(abs, [-1]))
+    trusted = DaskCluster(ELSEWHERE, trusted_network=True, patience_s=0.3)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        list(trusted.run(abs, [-1]))
+
+
+def test_certificates_that_are_missing_or_would_not_be_used(tmp_path):
+    (tmp_path / "ca.pem").touch()
+    with pytest.raises(MissingFileError, match=r"missing: \['cert.pem', 'key.pem'\]"):
+        list(DaskCluster("tls://192.0.2.1:8786", tls=tmp_path).run(abs, [-1]))
+    with pytest.raises(InputError, match="expected tls://"):
+        list(DaskCluster(ELSEWHERE, tls=tmp_path).run(abs, [-1]))
+
+
+@pytest.fixture
+def certificates(tmp_path):
+    """An authority's certificate and one that it signed, made by OpenSSL."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("openssl is not installed: apt-get install openssl")
+
+    def make(*words):
+        subprocess.run([openssl, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    new_key = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-noenc")
+    make(*new_key, "-x509", "-days", "2", "-keyout", "ca.key", "-out", "ca.pem", "-subj", "/CN=a")
+    make(*new_key, "-keyout", "key.pem", "-out", "request", "-subj", "/CN=127.0.0.1")
+    signing = ("-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-days", "2")
+    make("x509", "-req", "-in", "request", *signing, "-out", "cert.pem")
+    return tmp_path
+
+
+def test_a_cluster_with_certificates(certificates, tmp_path):
+    tls = [f"--tls-{word}-file" for word in ("ca", "cert", "key")]
+    names = [certificates / f"{word}.pem" for word in ("ca", "cert", "key")]
+    words = [word for pair in zip(tls, names, strict=True) for word in pair]
+    with closing(Cluster(tmp_path, "--protocol", "tls", *words)) as cluster:
+        assert cluster.address.startswith("tls://")
+        cluster.start("worker", cluster.address, "--nthreads", "1", "--no-nanny", *words)
+        safe = DaskCluster(cluster.address, tls=certificates)
+        assert sorted(safe.run(abs, [-2, -1])) == [(-2, 2), (-1, 1)]
+        with pytest.raises(InputError):
+            list(DaskCluster(cluster.address, patience_s=2.0).run(abs, [-1]))

@@ -1,13 +1,19 @@
 """The ``exposight`` program: its commands, and what becomes of their results and errors.
 
 A failure that exposight foresees ends in one line on standard error and exit status 1, a wrong call
-in status 2, Ctrl-C in 130; with ``--json``, each in one JSON object on standard output.
+in status 2, Ctrl-C in 130, a fault of exposight itself in 70 with its traceback in a file; with
+``--json``, each in one JSON object on standard output.
 """
 
 import errno
 import io
+import os
+import platform
 import re
+import shlex
 import sys
+import tempfile
+import traceback
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any
@@ -50,6 +56,9 @@ Command NAME is the function ``NAME_command`` of module ``exposight.cli.NAME``, 
 called: all of them together take seconds, which nobody who asks for help should wait.
 """
 
+
+FAULT = 70
+"""Exit status of a fault of exposight itself: EX_SOFTWARE of BSD's sysexits.h."""
 
 _COMMON_OPTIONS = {"--help", "-h", "--version", "--json"}
 
@@ -146,13 +155,15 @@ def run(arguments: Sequence[str]) -> int:
             with ended_by_interrupts():
                 app[command].help = None  # its docstring says more than its summary
         status = app.meta(arguments)
-    except (ExposightError, OSError, CycloptsError, UsageError, KeyboardInterrupt) as error:
+    except (SystemExit, GeneratorExit):
+        raise
+    except BaseException as error:  # a panic of a library in Rust is no Exception
         return _report(error, command or "", as_json="--json" in arguments)
     return status if isinstance(status, int) else 0
 
 
 def _report(error: BaseException, command: str, *, as_json: bool) -> int:
-    """Print a foreseen failure, and return its exit status."""
+    """Print what went wrong, and return the exit status."""
     kind, message, hint, status = type(error).__name__, str(error), "", 1
     match error:
         case OSError():
@@ -160,6 +171,13 @@ def _report(error: BaseException, command: str, *, as_json: bool) -> int:
                 quit_quietly()
             place = f"{error.filename}: " if error.filename else ""
             kind, message = "FileError", f"{place}{error.strerror or error}"
+        case MemoryError():
+            kind = "NumericalError"
+            message = (
+                f"there is not enough memory ({_first_line(error)}); what was kept before stays"
+            )
+        case ExposightError():
+            pass
         case KeyboardInterrupt():
             kind, status = "Interrupted", INTERRUPTED
             message = message or "stopped by Ctrl-C; what was finished before is kept"
@@ -168,9 +186,41 @@ def _report(error: BaseException, command: str, *, as_json: bool) -> int:
             message = _call_message(error)
             known = command if command in COMMANDS else ""
             hint = f"exposight {known} --help shows the form of the call".replace("  ", " ")
+        case _:
+            kind, status = "InternalError", FAULT
+            message = (
+                f"this is a fault of exposight, not of its input ({_first_line(error)}); the "
+                f"traceback is in {_kept_traceback(error)}; please report it with what you called"
+            )
     found = error.contradictions if isinstance(error, ContradictionError) else ()
     print_error(kind, message, hint=hint, contradictions=found, as_json=as_json)
     return status
+
+
+def _first_line(error: BaseException) -> str:
+    """Return an exception's type and the first line of what it says."""
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:200]}".removesuffix(
+        ": "
+    )
+
+
+def _kept_traceback(error: BaseException) -> str:
+    """Write a traceback, with what is needed to understand it, to a new file; return its name."""
+    about = {
+        "exposight": __version__,
+        "Python": sys.version.split()[0],
+        "platform": platform.platform(),
+        "called": shlex.join(sys.argv),
+    }
+    lines = [f"{name}: {value}" for name, value in about.items()]
+    lines += ["", *traceback.format_exception(error)]
+    try:
+        descriptor, name = tempfile.mkstemp(prefix="exposight-fault-", suffix=".txt")
+        with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write("\n".join(lines))
+    except OSError as refused:
+        return f"no file, which could not be written ({refused.strerror or refused})"
+    return name
 
 
 def _call_message(error: Exception) -> str:

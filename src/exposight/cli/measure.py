@@ -14,6 +14,7 @@ from cyclopts.types import PositiveInt
 from exposight import measuring
 from exposight.cell import CampaignFolder, preset_name
 from exposight.cli.app import UsageError
+from exposight.cli.cluster_options import ClusterOptions
 from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, carry_out_loop
 from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
@@ -37,7 +38,7 @@ from exposight.workers import usual_workers
 
 @Parameter("*", group=Group("What is kept, and who works", sort_key=2))
 @dataclass(frozen=True, kw_only=True)
-class RunOptions:
+class RunOptions(ClusterOptions):
     """How a plan is carried out; none of it changes what is measured.
 
     Parameters
@@ -52,16 +53,12 @@ class RunOptions:
         images, poses and observations.csv, which cannot be repeated from it.
     workers
         Run tasks in parallel, in this many processes; one for each core by default, at most 8.
-    cluster
-        Run tasks on a Dask scheduler's workers, tcp://host:8786. All need this version of exposight
-        and, unless with --observe, must reach the campaign's folder at the same path.
     """
 
     output: Annotated[Path | None, Parameter(alias="-o", metavar="FOLDER|FILE")] = None
     observe: bool = False
     no_clouds: bool = False
     workers: PositiveInt | None = None
-    cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
 
 
 DEFAULTS = RunOptions()
@@ -159,7 +156,7 @@ def carry_out(
         measuring.check_table_path(output)  # before anything that takes time
     files = [Written.at(output, "observations" if options.observe else "campaign")]
     contradictions: tuple[Contradiction, ...] = ()
-    run: dict[str, Any] = {"workers": workers, "cluster": options.cluster}
+    run: dict[str, Any] = {"workers": workers, "cluster": options.chosen_cluster}
     with progress_bars(kept_in=kept_in) as progress:
         driver = make_driver()
         if options.observe:

@@ -1,10 +1,15 @@
-"""The terminal: JSON objects, errors in a line, progress bars, and readers that leave."""
+"""The terminal: JSON objects, errors in a line, progress bars, and readers that leave.
+
+Names come from files of others: what in them would steer the terminal (escape sequences, signs that
+turn the direction of writing) is shown as its code.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -12,7 +17,8 @@ from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -22,6 +28,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.progress import Progress as Bars
+from rich.segment import Segment
 from rich.text import Text
 
 from exposight.contradictions import Contradiction
@@ -33,7 +40,8 @@ BROKEN_PIPE = 141
 def print_json(document: Mapping[str, object]) -> None:
     """Print one JSON object; NaN, which JSON does not know, becomes null."""
     text = json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    console().print(text, soft_wrap=True, markup=False)
+    escaped = _STEERING.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    console().print(escaped, soft_wrap=True)
 
 
 def print_error(
@@ -52,7 +60,7 @@ def print_error(
         print_json({"error": document})
         return
     line = Text.assemble(("error: ", "bold red"), " ".join(message.split()))
-    stderr = Console(stderr=True, highlight=False)
+    stderr = console(stderr=True)
     stderr.print(line, soft_wrap=True)
     if hint:
         stderr.print(hint, soft_wrap=True)
@@ -65,16 +73,50 @@ def quit_quietly() -> NoReturn:
     raise SystemExit(BROKEN_PIPE)
 
 
-class _Console(Console):
-    """A console whose reader may leave."""
+_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Control characters but for tab and newline, and signs that turn the direction of writing."""
+
+
+def printable(text: str) -> str:
+    r"""Return a text in which what would steer a terminal is written as its code: ``\x1b``."""
+    return _STEERING.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class _Printable:
+    """What is to be printed, with its text made printable and its styles as they are."""
+
+    def __init__(self, renderable: ConsoleRenderable) -> None:
+        self._renderable = renderable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for segment in console.render(self._renderable, options):
+            if segment.control:
+                yield segment  # the console's own, of its progress bars
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement.get(console, options, self._renderable)
+
+
+class _Console(Console, RenderHook):
+    """A console whose reader may leave, and which no text can steer."""
+
+    def __init__(self, *, stderr: bool) -> None:
+        # No text has markup: [1] in a name is no style, nor :x: an emoji.
+        super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+        self.push_render_hook(self)
+
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Printable(each) for each in renderables]
 
     def on_broken_pipe(self) -> None:
         quit_quietly()
 
 
-def console() -> Console:
-    """Return a console on standard output."""
-    return _Console(highlight=False)
+def console(*, stderr: bool = False) -> Console:
+    """Return a console on standard output, or on standard error."""
+    return _Console(stderr=stderr)
 
 
 def _plain(value: object) -> object:
@@ -138,7 +180,7 @@ def progress_bars(kept_in: Path | None = None) -> Iterator[Shown]:
     KeyboardInterrupt
         With a message that says how far work was and what is kept.
     """
-    stderr = Console(stderr=True, highlight=False)
+    stderr = console(stderr=True)
     bars = Bars(
         TextColumn("{task.description}"),
         BarColumn(),

@@ -10,6 +10,7 @@ from cyclopts.types import NonNegativeInt, PositiveInt
 
 from exposight.cell import PRESETS, ActiveSensor, CampaignFolder, sensor_named_or_read
 from exposight.cli.app import UsageError
+from exposight.cli.cluster_options import NO_CLUSTER, ClusterOptions
 from exposight.cli.model_facts import hyperparameter_table, left_out_table, model_facts
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
@@ -62,7 +63,7 @@ def train_command(
     seed: NonNegativeInt = 1,
     restarts: PositiveInt = 3,
     workers: PositiveInt | None = None,
-    cluster: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+    cluster: ClusterOptions = NO_CLUSTER,
 ) -> Result:
     """Train models on observations, or on a campaign.
 
@@ -116,8 +117,6 @@ def train_command(
         Starts of the optimiser, of the paper's models; the best is kept.
     workers
         Train this many of the paper's models in parallel; one for each core by default, at most 8.
-    cluster
-        Train the paper's models on a Dask scheduler's workers, tcp://host:8786.
     """
     chosen = (*DEFAULT_MODELS, *(each.name for each in MODELS)) if _ALL in names else names
     default = [name for name in DEFAULT_MODELS if name in chosen]
@@ -158,8 +157,8 @@ def train_command(
                 specifications,
                 table,
                 restarts=restarts,
-                workers=workers or (1 if cluster else usual_workers()),
-                cluster=cluster,
+                workers=workers or (1 if cluster.cluster else usual_workers()),
+                cluster=cluster.chosen_cluster,
                 progress=progress,
                 **of_table,
             )

@@ -26,7 +26,14 @@ from exposight.measuring.record import describe, keep_record
 from exposight.observing import ObservationTable, read_observations
 from exposight.planning import ExposurePlan, SensorModels
 from exposight.plans import MeasuringPlan, plan_to_toml
-from exposight.workers import LocalProcesses, Progress, Workers, choose_workers, ignore_progress
+from exposight.workers import (
+    DaskCluster,
+    LocalProcesses,
+    Progress,
+    Workers,
+    choose_workers,
+    ignore_progress,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +54,7 @@ def measure(
     part: Part | None = None,
     clouds: bool = True,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     progress: Progress = ignore_progress,
     tell: Callable[[Contradiction], None] = ...,
 ) -> CampaignFolder: ...
@@ -70,7 +77,7 @@ def measure(
     part: Part | None = None,
     clouds: bool = True,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     progress: Progress = ignore_progress,
     tell: Callable[[Contradiction], None] = _log,
     **closed_loop: SensorModels | None,
@@ -100,7 +107,7 @@ def measure(
     workers : int
         Processes on this machine that capture at the same time, where the driver allows it
         (`exposight.cell.driver`); 1 stays in this one.
-    cluster : str, optional
+    cluster : str or DaskCluster, optional
         Address of a Dask scheduler whose workers capture instead, as ``tcp://host:8786``. All of
         them must reach the folder at the same path.
     progress : Progress
@@ -192,7 +199,7 @@ def measure_observations(
     part: Part | None = None,
     table_path: str | Path | None = None,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     progress: Progress = ignore_progress,
 ) -> ObservationTable:
     """Carry out a measuring plan and observe every capture at once, without writing any.
@@ -294,7 +301,7 @@ class _Job:
         part: Part | None,
         clouds: bool,
         workers: int,
-        cluster: str | None,
+        cluster: str | DaskCluster | None,
         progress: Progress,
     ) -> None:
         _check_sensor(plan, driver)
@@ -357,7 +364,7 @@ class _Job:
         )
 
 
-def _workers(driver: Driver, count: int, cluster: str | None) -> Workers:
+def _workers(driver: Driver, count: int, cluster: str | DaskCluster | None) -> Workers:
     workers = choose_workers(count, cluster)
     if getattr(driver, "concurrent", False):
         return workers

@@ -17,7 +17,13 @@ from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
 from exposight.models.specification import I_AVG_MAX, I_AVG_MIN, ModelSpecification
 from exposight.observing import ObservationTable
-from exposight.workers import DaskCluster, Progress, choose_workers, ignore_progress
+from exposight.workers import (
+    DaskCluster,
+    Progress,
+    as_cluster,
+    choose_workers,
+    ignore_progress,
+)
 
 _Likelihood: TypeAlias = "tuple[float, NDArray[np.float64]]"
 
@@ -78,7 +84,7 @@ class Training:
         return float(len(self.table)) ** 3 * parameters
 
     def run(
-        self, progress: Progress = ignore_progress, *, cluster: str | None = None
+        self, progress: Progress = ignore_progress, *, cluster: str | DaskCluster | None = None
     ) -> GaussianProcessModel:
         """Train the model.
 
@@ -86,7 +92,7 @@ class Training:
         ----------
         progress : Progress
             Receives the starts that are done.
-        cluster : str, optional
+        cluster : str or DaskCluster, optional
             Address of a Dask scheduler whose workers evaluate a committee's shards; threads of this
             process do it if left out. One exact process is always trained here.
 
@@ -125,7 +131,7 @@ class Training:
                 restarts=restarts,
                 shard_size=min(_SHARD_SIZE, 2 * limit // 3),
                 communication=min(_COMMUNICATION, limit // 3),
-                shard_map=None if cluster is None else partial(_on_cluster, DaskCluster(cluster)),
+                shard_map=None if cluster is None else partial(_on_cluster, as_cluster(cluster)),
                 progress=report,
             )
             process = result.committee
@@ -175,7 +181,7 @@ def run_trainings(
     trainings: Sequence[Training],
     *,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     progress: Progress = ignore_progress,
 ) -> Generator[tuple[Training, GaussianProcessModel]]:
     """Train models in parallel, the longest first, and yield each as soon as it is trained.
@@ -189,7 +195,7 @@ def run_trainings(
     workers : int, 1 or more
         Models that are trained at the same time, each in a process of its own; 1 trains in this
         process.
-    cluster : str, optional
+    cluster : str or DaskCluster, optional
         Address of a Dask scheduler whose workers train instead, such as ``tcp://host:8786``;
         of a single model with a committee, each trains a share of the experts.
     progress : Progress
@@ -223,7 +229,7 @@ def train_all(
     table: ObservationTable,
     *,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     progress: Progress = ignore_progress,
     **settings: Any,
 ) -> tuple[GaussianProcessModel, ...]:

@@ -16,7 +16,7 @@ from exposight.models import (
 )
 from exposight.observing import ObservationTable
 from exposight.planning.sensor_models import DEFAULT_MODELS, SensorModels, one_of_each
-from exposight.workers import Progress, ignore_progress
+from exposight.workers import DaskCluster, Progress, ignore_progress
 
 
 def train(
@@ -27,7 +27,7 @@ def train(
     sensor: ActiveSensor | None = None,
     restarts: int = 3,
     workers: int = 1,
-    cluster: str | None = None,
+    cluster: str | DaskCluster | None = None,
     mean: MeanKind | None = None,
     start_from: WindowModel | None = None,
     progress: Progress = ignore_progress,

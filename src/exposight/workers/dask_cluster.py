@@ -8,6 +8,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from ipaddress import ip_address
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -15,7 +17,7 @@ from urllib.parse import urlsplit
 import numba
 
 from exposight import __version__
-from exposight.errors import InputError, NumericalError
+from exposight.errors import InputError, MissingFileError, NumericalError
 from exposight.workers.local_processes import LocalProcesses, Workers
 
 _WAKE_S = 2.0
@@ -43,6 +45,11 @@ class DaskCluster:
     ----------
     address : str
         Address of the scheduler, such as ``tcp://host:8786``.
+    tls : Path, optional
+        Folder with ``ca.pem``, ``cert.pem`` and ``key.pem``, for an address ``tls://host:8786``.
+    trusted_network : bool
+        Whether to use a scheduler on another machine without TLS: whoever reaches it runs code on
+        its workers, and it on this machine.
     patience_s : float, s
         How long to wait for a first worker, and for one to return when all are gone; the scheduler
         must answer within a third of it.
@@ -50,6 +57,8 @@ class DaskCluster:
 
     address: str
     patience_s: float = 30.0
+    tls: Path | None = None
+    trusted_network: bool = False
 
     def run(
         self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
@@ -59,8 +68,9 @@ class DaskCluster:
         Raises
         ------
         InputError
-            If Dask is not installed, there is no scheduler at the address, no worker comes, or one
-            has another version of exposight.
+            If Dask is not installed, there is no scheduler at the address, it is on another machine
+            without TLS in a network that is not said to be trusted, no worker comes, or one has
+            another version of exposight.
         NumericalError
             If workers die over a task again and again, or all of them or the scheduler are lost.
         """
@@ -94,11 +104,16 @@ class DaskCluster:
     def _client(self, dask: ModuleType) -> Iterator[Any]:
         try:
             self._check_address()  # before Dask does, whose clients linger where it is wrong
-            client = dask.Client(self.address, timeout=self.patience_s / 3, set_as_default=False)
+            client = dask.Client(
+                self.address,
+                timeout=self.patience_s / 3,
+                set_as_default=False,
+                security=self._security(dask),
+            )
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             msg = (
                 f"no Dask scheduler answers at {self.address!r} ({_first_line(error)}); expected "
-                "an address as tcp://host:8786, start one there with: dask scheduler"
+                "an address as tcp://127.0.0.1:8786; start one: dask scheduler --host 127.0.0.1"
             )
             raise InputError(msg) from error
         try:
@@ -112,6 +127,35 @@ class DaskCluster:
         if parts.scheme not in _SCHEMES or not parts.hostname or parts.port is None:
             msg = "not an address"
             raise ValueError(msg)
+        if not (self.tls or self.trusted_network or _is_this_machine(parts.hostname)):
+            msg = (
+                f"the Dask scheduler {self.address} is on another machine and without TLS: whoever "
+                "reaches its port can run programs on all workers and here. Give a folder with "
+                "certificates (--cluster-tls), or, where nobody else is in the network, say so "
+                "(--i-trust-this-network)"
+            )
+            raise InputError(msg)
+        if self.tls and parts.scheme not in {"tls", "wss"}:
+            msg = (
+                f"the Dask scheduler {self.address} would not be asked for TLS, though there are "
+                f"certificates: expected tls://{parts.netloc}"
+            )
+            raise InputError(msg)
+
+    def _security(self, dask: ModuleType) -> Any:
+        """Return what encrypts the connection and shows who is at its ends; None without TLS."""
+        if self.tls is None:
+            return None
+        files = {name: self.tls / f"{name}.pem" for name in ("ca", "cert", "key")}
+        if missing := [path.name for path in files.values() if not path.is_file()]:
+            msg = f"{self.tls} must hold ca.pem, cert.pem and key.pem; missing: {missing}"
+            raise MissingFileError(msg)
+        return dask.Security(
+            tls_ca_file=str(files["ca"]),
+            tls_client_cert=str(files["cert"]),
+            tls_client_key=str(files["key"]),
+            require_encryption=True,
+        )
 
     def _wait_for_workers(self, client: Any) -> None:
         try:
@@ -160,15 +204,28 @@ class DaskCluster:
             raise InputError(msg) from error
 
 
-def choose_workers(count: int = 1, cluster: str | None = None) -> Workers:
+def _is_this_machine(host: str) -> bool:
+    """Return whether a name or number is of the loopback interface."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:  # another name
+        return False
+
+
+def as_cluster(cluster: str | DaskCluster) -> DaskCluster:
+    """Return a cluster by the address of its scheduler, if it is not one already."""
+    return DaskCluster(cluster) if isinstance(cluster, str) else cluster
+
+
+def choose_workers(count: int = 1, cluster: str | DaskCluster | None = None) -> Workers:
     """Return processes of this machine, or the workers of a cluster where one is given.
 
     Parameters
     ----------
     count : int, 1 or more
         Processes on this machine.
-    cluster : str, optional
-        Address of a Dask scheduler.
+    cluster : str or DaskCluster, optional
+        Address of a Dask scheduler on this machine, or a cluster.
 
     Raises
     ------
@@ -180,10 +237,10 @@ def choose_workers(count: int = 1, cluster: str | None = None) -> Workers:
     if count != 1:
         msg = (
             f"tasks run on processes of this machine or on a cluster, got {count} workers and the "
-            f"cluster {cluster!r}; choose one"
+            f"cluster {as_cluster(cluster).address!r}; choose one"
         )
         raise InputError(msg)
-    return DaskCluster(cluster)
+    return as_cluster(cluster)
 
 
 def run_alone(version: str, pickled: bytes) -> object:
