@@ -21,7 +21,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick fuzz check docs bench requirements clean
+.PHONY: help demo test quick fuzz check audit docs bench requirements clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
@@ -55,6 +55,9 @@ check: $(DEVELOP)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m ruff check .
 	$(RUN) -m mypy
 	$(BIN)/lint-imports --no-logo
+
+audit: $(DEVELOP)  ## Look the pinned versions up among known vulnerabilities
+	$(RUN) -m benchmarks.audit $(VENV)/audit
 
 docs: $(DEVELOP)  ## Draw the pictures in docs/ again
 	$(RUN) docs/draw_pictures.py
