@@ -409,7 +409,10 @@ def test_a_description_that_another_program_wrote_wrongly_is_refused(folder, cha
 
 @pytest.mark.parametrize(
     ("name", "key", "message"),
-    [("image.png", "image_sha256", "no PNG image"), ("cloud.npz", "cloud_sha256", "no cloud of a")],
+    [
+        ("image.png", "image_sha256", "no PNG image"),
+        ("cloud.npz", "cloud_sha256", "not a readable cloud of a"),
+    ],
 )
 def test_a_file_that_another_program_wrote_wrongly_is_refused(folder, name, key, message):
     capture = folder / "captures" / "000001"

@@ -162,7 +162,7 @@ def edited(sensor, **changes):
             {"exposure__max_ms": "1000"},
             "key 'exposure.max_ms': .*got the text .*; leave out the quotation marks",
         ),
-        ({"exposure__max_ms": float("inf")}, "key 'exposure.max_ms': .*finite"),
+        ({"exposure__max_ms": float("inf")}, "key 'max_ms': .*finite"),
         ({"camera_from_tcp": [[1.0]]}, "camera_from_tcp"),
         ({"exposure__min_ms": -1.0}, "0 < minimum ≤ maximum"),
         ({"camera_from_tcp": [[2.0, 0, 0, 0], *np.eye(4)[1:].tolist()]}, "not a rotation"),

@@ -1,6 +1,8 @@
 """Records are written as they are, and faults in them are told in words of the file."""
 
+import codecs
 import json
+import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -9,7 +11,7 @@ import pytest
 from pydantic import Discriminator, Field, Tag
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
-from exposight.files import DocumentFormat, StoredAs, validate
+from exposight.files import DocumentFormat, StoredAs, parse_json, validate
 
 
 @dataclass(frozen=True)
@@ -146,3 +148,44 @@ def test_a_changed_byte_in_a_sealed_document_is_noticed():
         FORMAT.unseal(sealed.replace(b"1.5", b"1.6"), "f")
     with pytest.raises(DamagedFileError, match="f is damaged"):
         FORMAT.unseal(sealed[:-3], "f")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"a": 1, "a": 2}', "key 'a' is there twice"),
+        ('{"b": [{"a": 1, "a": 1}]}', "key 'a' is there twice"),
+        ('{"a": NaN}', "key 'a': expected a finite number, got nan"),
+        ('{"a": -Infinity}', "key 'a': expected a finite number, got -inf"),
+        ('{"a": 1e999}', "key 'a': expected a finite number, got inf"),
+        ('{"a": [[1, NaN]]}', "a list holds nan"),
+        ('{"a": ' + "9" * 400 + "}", "400 digits"),
+        ('{"a": ' + "9" * 5000 + "}", "5000 digits"),
+        ('{"a": ' * 150 + "1" + "}" * 150, "nested too deeply"),
+        ('{"a": ' + "[" * 100_000, "nested too deeply"),
+        (r'{"a": "\ud800"}', "not a readable JSON document"),
+        ("[1]", "JSON object, got list"),
+    ],
+)
+def test_json_that_says_two_things_or_none_is_refused(text, message):
+    with pytest.raises(FormatError, match=re.escape(message)):
+        parse_json(text, "file.json")
+
+
+def test_a_byte_order_mark_is_no_matter():
+    assert parse_json('\ufeff{"a": 1}', "file.json") == {"a": 1}
+    sealed = codecs.BOM_UTF8 + FORMAT.seal(PLACE)
+    assert FORMAT.unseal(sealed, "file.json") == PLACE
+
+
+def test_whatever_a_record_raises_names_the_file():
+    @dataclass(frozen=True)
+    class Odd:
+        count: int
+
+        def __post_init__(self):
+            _ = float(self.count) / 0.0
+
+    for count in (1, 10**350):
+        with pytest.raises(FormatError, match=r"^odd\.json"):
+            validate(Odd, {"count": count}, "odd.json")

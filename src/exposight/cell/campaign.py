@@ -13,7 +13,7 @@ import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from filelock import BaseFileLock
 
@@ -34,6 +34,9 @@ from exposight.errors import FileError, FormatError, InputError, MissingFileErro
 
 _DESCRIPTION, _SENSOR, _FEATURES = "campaign.json", "sensor.json", "features.csv"
 _CAPTURES = "captures"
+
+
+_Keyed = TypeVar("_Keyed", Capture, CaptureDescription)
 
 
 class CaptureSource(Protocol):
@@ -154,14 +157,22 @@ class CampaignFolder:
         self.numbers = tuple(sorted(_capture_numbers(self.path / _CAPTURES)))
 
     def _text(self, name: str, sha256: str) -> str:
-        return files.read_verified(self.path / name, sha256, "file of a campaign").decode("utf-8")
+        data = files.read_verified(self.path / name, sha256, "file of a campaign")
+        with files.parsing(self.path / name, "file of a campaign"):
+            return data.decode("utf-8-sig")
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def captures(self) -> Iterator[Capture]:
-        """Yield the captures one at a time, in the order they were taken; raises as `capture`."""
-        yield from map(self.capture, self.numbers)
+        """Yield the captures one at a time, in the order they were taken; raises as `capture`.
+
+        Raises
+        ------
+        FormatError
+            Also if two are of the same view and exposure time: a folder was copied.
+        """
+        return self._once(map(self.capture, self.numbers))
 
     def capture(self, number: int) -> Capture:
         """Return one capture, by one of `numbers`.
@@ -169,9 +180,9 @@ class CampaignFolder:
         Raises
         ------
         MissingFileError, DamagedFileError, FormatError, VersionError
-            If it cannot be read; the message names the file.
+            If it cannot be read, or cannot be the sensor's; the message names the file.
         """
-        return read_capture(_capture_path(self.path, number))
+        return read_capture(_capture_path(self.path, number), self.sensor)
 
     def attachments(self, number: int) -> Mapping[str, bytes]:
         """Return a capture's attachments by name without reading its image and cloud.
@@ -186,8 +197,36 @@ class CampaignFolder:
         return tuple(description.key for description in self.descriptions())
 
     def descriptions(self) -> Iterator[CaptureDescription]:
-        """Yield what is known of every capture without reading its image and cloud."""
-        return (read_description(_capture_path(self.path, number)) for number in self.numbers)
+        """Yield what is known of every capture without reading its image and cloud.
+
+        Raises as `captures`, but for what images and clouds hold.
+        """
+        return self._once(self._description(number) for number in self.numbers)
+
+    def _description(self, number: int) -> CaptureDescription:
+        folder = _capture_path(self.path, number)
+        description = read_description(folder)
+        try:
+            self.sensor.check_exposure(description.exposure_ms)
+        except InputError as error:
+            msg = f"{folder}: {error}"
+            raise FormatError(msg) from error
+        return description
+
+    def _once(self, captures: Iterator[_Keyed]) -> Iterator[_Keyed]:
+        """Yield captures, each of another view and exposure time than all before."""
+        known: dict[CaptureKey, int] = {}
+        for number, capture in zip(self.numbers, captures, strict=True):
+            first = known.setdefault(capture.key, number)
+            if first != number:
+                key = capture.key
+                msg = (
+                    f"{_capture_path(self.path, number)} holds a capture of view {key.view!r} at "
+                    f"{key.exposure_ms:g} ms, and so does {_capture_path(self.path, first).name}; "
+                    "was a folder copied? Remove one of them"
+                )
+                raise FormatError(msg)
+            yield capture
 
 
 class CampaignWriter:
@@ -337,7 +376,7 @@ def _capture_path(campaign: Path, number: int) -> Path:
 
 def _capture_numbers(folder: Path) -> Iterator[int]:
     for entry in folder.iterdir() if folder.is_dir() else ():
-        if re.fullmatch(r"\d{6,}", entry.name):  # neither unfinished nor a user's folder
+        if re.fullmatch(r"[0-9]{6,}", entry.name):  # neither unfinished nor a user's folder
             yield int(entry.name)
 
 

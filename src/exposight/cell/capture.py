@@ -3,7 +3,6 @@
 import io
 import math
 import re
-import zipfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -26,6 +25,13 @@ from exposight.geometry import RigidTransform, grid_ratio
 _DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz")
 
 _STACK_FILES = {name: f"{name}.png" for name in ("mean", "maximum", "modulation")}
+
+_PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+
+_MOST_PIXELS = 2**28
+"""Of an image, where nobody says which size it must have."""
+
+_MOST_POINTS = 10**8
 
 _FILE_NAME = "[A-Za-z0-9][A-Za-z0-9._-]*"
 """Never a path into another folder."""
@@ -302,8 +308,14 @@ def read_description(folder: Path) -> CaptureDescription:
     return _FORMAT.unseal(files.read_bytes(path, "file of a campaign"), str(path))
 
 
-def read_capture(folder: Path) -> Capture:
-    """Read a capture and verify its checksums.
+def read_capture(folder: Path, sensor: ActiveSensor | None = None) -> Capture:
+    """Read a capture, verify its checksums, and check all that is checked when one is written.
+
+    Parameters
+    ----------
+    folder : Path
+    sensor : ActiveSensor, optional
+        That took it (`Capture.check_fits`).
 
     Raises
     ------
@@ -312,30 +324,34 @@ def read_capture(folder: Path) -> Capture:
     DamagedFileError
         If a file's content is not what was written; the message names it.
     FormatError
-        If the description is not one of a capture.
+        If the description is not one of a capture, or the capture none that can be written.
     VersionError
         If a newer version of exposight wrote it.
     """
     description = read_description(folder)
-    with ThreadPoolExecutor(1) as beside:  # decoding takes as long as the cloud does
-        stack = beside.submit(_read_stack, folder, description.stack)
-        image = _read_image(folder / _IMAGE, description.image_sha256)
-        cloud = None
-        if description.cloud_sha256 is not None:
-            cloud = _cloud_from_npz(
-                _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
-            )
+    size = None if sensor is None else (sensor.camera.height, sensor.camera.width)
     try:
-        return Capture(
+        with ThreadPoolExecutor(1) as beside:  # decoding takes as long as the cloud does
+            stack = beside.submit(_read_stack, folder, description.stack, size)
+            image = _read_image(folder / _IMAGE, description.image_sha256, size)
+            cloud = None
+            if description.cloud_sha256 is not None:
+                cloud = _cloud_from_npz(
+                    _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
+                )
+        capture = Capture(
             **{name: getattr(description, name) for name in _DESCRIBED},
             image=image,
             cloud=cloud,
             attachments=StoredAttachments(folder, description.beside_sha256),
             stack=stack.result(),
         )
+        if sensor is not None:
+            capture.check_fits(sensor)
     except InputError as error:
         msg = f"{folder}: {error}"
         raise FormatError(msg) from error
+    return capture
 
 
 class StoredAttachments(Mapping[str, bytes]):
@@ -367,23 +383,38 @@ def _verified(path: Path, sha256: str) -> bytes:
     return files.read_verified(path, sha256, "file of a campaign")
 
 
-def _read_stack(folder: Path, stack: StackDescription | None) -> StackImages | None:
+def _read_stack(
+    folder: Path, stack: StackDescription | None, size: tuple[int, int] | None
+) -> StackImages | None:
     if stack is None:
         return None
     checksums = {name: getattr(stack, f"{name}_sha256") for name in _STACK_FILES}
     images: dict[str, Any] = {
-        name: _read_image(folder / _STACK_FILES[name], sha256)
+        name: _read_image(folder / _STACK_FILES[name], sha256, size)
         for name, sha256 in checksums.items()
         if sha256 is not None
     }
     return StackImages(**images, min_modulation=stack.min_modulation)
 
 
-def _read_image(path: Path, sha256: str) -> Image:
-    data = np.frombuffer(_verified(path, sha256), dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+def _read_image(path: Path, sha256: str, size: tuple[int, int] | None) -> Image:
+    """Decode a PNG image whose header says that it is grey, and of the size it must have."""
+    data = _verified(path, sha256)
+    if data[:16] != _PNG_HEAD or len(data) < 33 or data[25] != 0:
+        msg = f"{path} is no PNG image of grey levels"
+        raise FormatError(msg)
+    columns, rows = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    if (size is not None and (rows, columns) != size) or rows * columns > _MOST_PIXELS:
+        expected = f"{_MOST_PIXELS} pixels" if size is None else f"{size[0]} × {size[1]}"
+        msg = (
+            f"{path} is an image of {rows} rows × {columns} columns, where the sensor's have "
+            f"{expected}; it is turned, or another sensor's"
+        )
+        raise FormatError(msg)
+    with files.parsing(path, "PNG image"):
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        msg = f"{path} is no PNG image"
+        msg = f"{path} is no PNG image that can be read"
         raise FormatError(msg)
     image.setflags(write=False)  # so that `Capture`, which checks it, needs no copy
     return cast("Image", image)
@@ -404,18 +435,51 @@ def _npz(cloud: Cloud) -> bytes:
 
 
 def _cloud_from_npz(data: bytes, path: Path) -> Cloud:
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            shape = tuple(arrays["shape"].tolist())
-            valid = np.unpackbits(arrays["valid"], count=int(np.prod(shape))).astype(bool)
-            points = np.full((valid.size, 3), np.nan, dtype=np.float32)
-            points[valid] = arrays["points"]
-            sigma = None
-            if "sigma_z_mm" in arrays:
-                sigma = np.full(valid.size, np.nan, dtype=np.float32)
-                sigma[valid] = arrays["sigma_z_mm"]
-                sigma = sigma.reshape(shape)
-            return Cloud(points=points.reshape(*shape, 3), sigma_z_mm=sigma)
-    except (KeyError, ValueError, TypeError, zipfile.BadZipFile, InputError) as error:
-        msg = f"{path} is no cloud of a capture ({error}); expected shape, valid bits and points"
-        raise FormatError(msg) from error
+    what = "cloud of a capture"
+    # It is not compressed, so it holds no more than its bytes.
+    arrays = files.read_arrays(data, path, what, most_bytes=len(data))
+    with files.parsing(path, what):
+        try:
+            return _unpacked_cloud(**arrays)
+        except (CloudError, TypeError) as error:
+            msg = f"{path} is no {what} ({error}); expected shape, valid bits and points"
+            raise FormatError(msg) from error
+
+
+def _unpacked_cloud(
+    *,
+    shape: NDArray[Any],
+    valid: NDArray[Any],
+    points: NDArray[Any],
+    sigma_z_mm: NDArray[Any] | None = None,
+) -> Cloud:
+    """Return what `_npz` packed, checked as strictly as it packs."""
+    size = tuple(shape.tolist()) if shape.ndim == 1 and shape.dtype.kind in "iu" else ()
+    count = math.prod(size)
+    if len(size) not in {1, 2} or min(size) < 0 or count > _MOST_POINTS:
+        msg = f"its shape is {shape.tolist()}; clouds have up to {_MOST_POINTS} points"
+        raise CloudError(msg)
+    if valid.dtype != np.uint8 or valid.shape != (-(-count // 8),):
+        msg = f"{count} points need as many valid bits, got {valid.dtype} of shape {valid.shape}"
+        raise CloudError(msg)
+    is_there = np.unpackbits(valid, count=count).astype(bool)
+    n_valid = int(np.count_nonzero(is_there))
+    for name, array, wanted in (
+        ("points", points, (n_valid, 3)),
+        ("sigma_z_mm", sigma_z_mm, (n_valid,)),
+    ):
+        if array is not None and (array.shape != wanted or array.dtype != np.float32):
+            msg = f"{name} must be float32 of shape {wanted}, got {array.dtype} of {array.shape}"
+            raise CloudError(msg)
+    placed = np.full((count, 3), np.nan, dtype=np.float32)
+    placed[is_there] = points
+    sigma = None
+    if sigma_z_mm is not None:
+        sigma = np.full(count, np.nan, dtype=np.float32)
+        sigma[is_there] = sigma_z_mm
+        sigma = sigma.reshape(size)
+    cloud = Cloud(points=placed.reshape(*size, 3), sigma_z_mm=sigma)
+    if cloud.n_valid != n_valid:
+        msg = f"{n_valid} points are said to be there, and {cloud.n_valid} are points"
+        raise CloudError(msg)
+    return cloud

@@ -17,11 +17,18 @@ from pydantic_core import ErrorDetails, core_schema
 
 from exposight.errors import DamagedFileError, FormatError, InputError, VersionError
 from exposight.files.durable import sha256_of
+from exposight.files.foreign import parsing
 
 _STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 Checksum = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 """A SHA-256 in hexadecimal, as a record's field."""
+
+_DEEPEST = 100
+"""Objects and lists within each other, in any document."""
+
+_DIGITS = 300
+"""Of a whole number, which must remain one that can be computed with."""
 
 _Record = TypeVar("_Record")
 
@@ -89,7 +96,7 @@ class DocumentFormat(Generic[_Record]):
             As `from_json`.
         """
         try:
-            raw = parse_json(data.decode("utf-8"), source)
+            raw = parse_json(data.decode("utf-8-sig"), source)
         except (UnicodeDecodeError, FormatError) as error:
             msg = f"{source} is damaged: {error}; restore it from a copy"
             raise DamagedFileError(msg) from error
@@ -154,17 +161,18 @@ def validate(record: type[_Record], raw: Mapping[str, Any], source: str) -> _Rec
         If a key is missing or unknown, a value has the wrong type, or values contradict each
         other; the message names each key as the file has it.
     """
-    # As JSON, so that types are checked as strictly for TOML and YAML. JSON has no dates; no key
-    # takes one, nor the object that stands for it here.
-    text = json.dumps([raw], default=lambda other: {"date or time": str(other)})
-    try:
-        (value,) = _adapter(record).validate_json(text)
-    except ValidationError as error:
-        msg = f"{source}: {'; '.join(_fault(details, raw) for details in error.errors())}"
-        raise FormatError(msg) from error
-    except InputError as error:  # what the record itself refuses
-        msg = f"{source}: {error}"
-        raise FormatError(msg) from error
+    with parsing(source, "document"):  # whatever a record raises of values nobody thought of
+        # As JSON, so that types are checked as strictly for TOML and YAML. JSON has no dates; no
+        # key takes one, nor the object that stands for it here.
+        text = json.dumps([raw], default=lambda other: {"date or time": str(other)})
+        try:
+            (value,) = _adapter(record).validate_json(text)
+        except ValidationError as error:
+            msg = f"{source}: {'; '.join(_fault(details, raw) for details in error.errors())}"
+            raise FormatError(msg) from error
+        except InputError as error:  # what the record itself refuses
+            msg = f"{source}: {error}"
+            raise FormatError(msg) from error
     return cast("_Record", value)
 
 
@@ -186,20 +194,69 @@ def parse_json(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        If it is no JSON, or no object; the message names the source.
+        If it is no JSON, or no object, has a key twice or a number that is none, or is nested more
+        than a hundred deep; the message names the source.
     """
     try:
-        raw = json.loads(text)
-    except RecursionError as error:
-        msg = f"{source} is not JSON: it is nested too deeply"
-        raise FormatError(msg) from error
+        raw = json.loads(
+            text.removeprefix("\ufeff"),
+            object_pairs_hook=_once,
+            parse_int=_whole,
+        )
     except json.JSONDecodeError as error:
         msg = f"{source} is not JSON (line {error.lineno}: {error.msg}); was it cut off?"
+        raise FormatError(msg) from error
+    except InputError as error:
+        msg = f"{source}: {error}"
+        raise FormatError(msg) from error
+    except RecursionError as error:
+        msg = f"{source} is not JSON: it is nested too deeply"
         raise FormatError(msg) from error
     if not isinstance(raw, dict):
         msg = f"{source} must hold a JSON object, got {type(raw).__name__}"
         raise FormatError(msg)
+    _check_values(raw, source)
+    if "\\u" in text:  # which can spell half a character
+        with parsing(source, "JSON document"):
+            _pretty(raw).encode()
     return raw
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object whose keys are there once: of two values nobody knows which is meant."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        msg = f"key {next(key for key in keys if keys.count(key) > 1)!r} is there twice"
+        raise InputError(msg)
+    for key, value in pairs:
+        if isinstance(value, float) and not math.isfinite(value):
+            msg = f"key {key!r}: expected a finite number, got {value}"
+            raise InputError(msg)
+    return found
+
+
+def _whole(text: str) -> int:
+    if len(text) > _DIGITS:
+        msg = f"{text[:_LONGEST]}… has {len(text)} digits, and whole numbers up to {_DIGITS}"
+        raise InputError(msg)
+    return int(text)
+
+
+def _check_values(raw: object, source: str) -> None:
+    level: list[Any] = [raw]
+    depth = 0
+    while level:
+        if depth > _DEEPEST:
+            msg = f"{source} is nested too deeply: more than {_DEEPEST} levels"
+            raise FormatError(msg)
+        values = [each.values() if isinstance(each, dict) else each for each in level]
+        inner = [each for of_one in values for each in of_one]
+        if unbounded := [e for e in inner if isinstance(e, float) and not math.isfinite(e)]:
+            msg = f"{source}: a list holds {unbounded[0]}; expected finite numbers"
+            raise FormatError(msg)
+        level = [each for each in inner if isinstance(each, dict | list)]
+        depth += 1
 
 
 def check_header(raw: Mapping[str, Any], *, format_name: str, newest: int, source: str) -> None:

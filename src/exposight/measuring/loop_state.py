@@ -265,9 +265,8 @@ class LoopStep:
         for known in reversed(self.state.captures):
             if known.sha256 == sha256 and self._is_known(known):
                 return None
-        capture = read_capture(folder)
+        capture = read_capture(folder, self.sensor)
         self._check_view(capture.view)
-        capture.check_fits(self.sensor)
         observer = Observer(self.part, self.sensor)
         rows = observer.observe(capture)
         self._note(observer.contradictions)
