@@ -1,4 +1,4 @@
-"""Ctrl-C before a command has begun: a line, status 130, no traceback."""
+"""Ctrl-C and SIGTERM: a line and the status that shells expect, no traceback, nothing left."""
 
 import json
 import os
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is anoth
 MESSAGE = "stopped by Ctrl-C before anything was begun"
 
 
-def interrupted_at(module, *words):
+def interrupted_at(module, *words, by=signal.SIGINT):
     """Run the program and interrupt it as soon as it has imported a module."""
     process = subprocess.Popen(
         [sys.executable, "-X", "importtime", "-m", "exposight", *words],
@@ -26,7 +26,7 @@ def interrupted_at(module, *words):
         assert process.stderr is not None
         for line in process.stderr:
             if line.rpartition("|")[2].strip() == module:
-                process.send_signal(signal.SIGINT)
+                process.send_signal(by)
                 break
         stdout, stderr = process.communicate(timeout=60)
     finally:
@@ -41,6 +41,45 @@ def test_while_modules_are_imported(module):
     assert status == 130
     assert stdout == ""
     assert told == [f"error: {MESSAGE}"]
+
+
+def test_sigterm_while_modules_are_imported():
+    status, stdout, told = interrupted_at("numpy.linalg", "observe", "none", by=signal.SIGTERM)
+    assert status == 143
+    assert stdout == ""
+    assert told == ["error: stopped by SIGTERM before anything was begun"]
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from exposight.cli import main
+
+def stop(path, data):
+    print("writing", flush=True)
+    time.sleep(60)
+
+Path.write_bytes = stop
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(("by", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_while_a_command_writes_nothing_is_left(tmp_path, by, status):
+    words = ["sensor", "--resolution", "100", "80", "--field-of-view", "400", "300", "600"]
+    words += ["-o", str(tmp_path / "sensor.json"), "--exposures", "1", "100", "--name", "s"]
+    words += ["--working-distance", "500", "1000", "--json"]
+    command = [sys.executable, "-c", WRITER, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n"
+        process.send_signal(by)
+        error = json.loads(process.stdout.read())["error"]
+    assert process.returncode == status
+    name = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}[by]
+    message = f"stopped by {name}; what was finished before is kept"
+    assert error == {"type": "Interrupted", "message": message}
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_for_machines():

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from exposight.cli.interrupts import ended_by_interrupts
+from exposight.cli.interrupts import ended_by_interrupts, interrupts_raised
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,4 +22,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with ended_by_interrupts():  # from the first import on
         from exposight.cli.app import run
-    return run(sys.argv[1:] if arguments is None else arguments)
+    with interrupts_raised():
+        return run(sys.argv[1:] if arguments is None else arguments)

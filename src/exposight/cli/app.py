@@ -1,8 +1,8 @@
 """The ``exposight`` program: its commands, and what becomes of their results and errors.
 
 A failure that exposight foresees ends in one line on standard error and exit status 1, a wrong call
-in status 2, Ctrl-C in 130, a fault of exposight itself in 70 with its traceback in a file; with
-``--json``, each in one JSON object on standard output.
+in status 2, Ctrl-C in 130, SIGTERM in 143, a fault of exposight itself in 70 with its traceback in a
+file; with ``--json``, each in one JSON object on standard output.
 """
 
 import errno
@@ -22,7 +22,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.exceptions import MissingArgumentError
 
 from exposight import __version__
-from exposight.cli.interrupts import INTERRUPTED, ended_by_interrupts
+from exposight.cli.interrupts import ended_by_interrupts, interrupted_status, stopped_by
 from exposight.cli.terminal import print_error, print_json, quit_quietly
 from exposight.errors import ContradictionError, ExposightError, did_you_mean
 
@@ -179,8 +179,8 @@ def _report(error: BaseException, command: str, *, as_json: bool) -> int:
         case ExposightError():
             pass
         case KeyboardInterrupt():
-            kind, status = "Interrupted", INTERRUPTED
-            message = message or "stopped by Ctrl-C; what was finished before is kept"
+            kind, status = "Interrupted", interrupted_status()
+            message = message or f"{stopped_by()}; what was finished before is kept"
         case CycloptsError() | UsageError():
             kind, status = "UsageError", 2
             message = _call_message(error)

@@ -31,6 +31,7 @@ from rich.progress import Progress as Bars
 from rich.segment import Segment
 from rich.text import Text
 
+from exposight.cli.interrupts import stopped_by
 from exposight.contradictions import Contradiction
 
 BROKEN_PIPE = 141
@@ -197,7 +198,7 @@ def progress_bars(kept_in: Path | None = None) -> Iterator[Shown]:
         with bars:
             yield shown
     except KeyboardInterrupt as error:
-        msg = "stopped by Ctrl-C" + (f" ({shown.last})" if shown.last else "")
+        msg = stopped_by() + (f" ({shown.last})" if shown.last else "")
         if kept_in is not None and kept_in.exists():
             msg += f"; what is finished is kept in {kept_in}, and the same command goes on"
         raise KeyboardInterrupt(msg) from error

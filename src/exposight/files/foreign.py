@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from exposight.errors import ExposightError, FormatError
+from exposight.leash import leashed
 
 PARSER_MEMORY_GB = 4.0
 PARSER_SECONDS = 120.0
@@ -95,8 +96,8 @@ def parse_apart(
         If it raises, crashes, or takes more time or memory.
     """
     request = _packed({"data": np.frombuffer(data, dtype=np.uint8)})
-    command = [sys.executable, "-P", __file__, str(parser), f"{memory_gb:g}", f"{seconds:.0f}"]
-    command += [f"{name}={value}" for name, value in options.items()]
+    settings = [f"{name}={value}" for name, value in options.items()]
+    command = leashed(__file__, str(parser), f"{memory_gb:g}", f"{seconds:.0f}", *settings)
     try:
         # In a session of its own, as Ctrl-C is for the process that waits and then ends it.
         done = subprocess.run(

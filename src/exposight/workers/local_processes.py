@@ -16,6 +16,7 @@ from typing import Protocol, TypeVar
 import numba
 
 from exposight.errors import InputError, NumericalError
+from exposight.leash import end_with_parent
 
 _MOST_WORKERS = 8
 """Each may take a gigabyte of memory, so more must be requested."""
@@ -110,7 +111,7 @@ class LocalProcesses:
                 max_workers=min(self.count, len(tasks)),
                 mp_context=context,
                 initializer=_begin_worker,
-                initargs=(leash,),
+                initargs=(leash, _main_process()),
             ) as pool,
         ):
             try:
@@ -133,25 +134,37 @@ class LocalProcesses:
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Keep Ctrl-C from processes started within this block, even while they start.
+    """Keep Ctrl-C and SIGTERM from this process while others start, and Ctrl-C from them for ever.
 
-    A terminal sends it to all of them; this process decides when the others end.
+    A terminal sends Ctrl-C to all of them; this process decides when the others end.
     """
     if sys.platform == "win32":  # no such masks there; `_begin_worker` has to do
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by children
+    before = signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM}
+    )  # inherited by children
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin_worker(leash: Connection) -> None:
+def _main_process() -> int | None:
+    """Return this process's number; None in a thread, which may end before the workers."""
+    ours = threading.current_thread() is threading.main_thread()
+    return os.getpid() if ours else None
+
+
+def _begin_worker(leash: Connection, parent: int | None) -> None:
     """Prepare a process for work."""
-    numba.set_num_threads(1)  # the other processes use the other cores
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(leash,), daemon=True).start()
+    if parent is not None:  # the second rope: a thread cannot act while a compiled loop runs
+        end_with_parent(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    numba.set_num_threads(1)  # the other processes use the other cores
 
 
 def _end_with(leash: Connection) -> None:

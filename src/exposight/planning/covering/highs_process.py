@@ -101,10 +101,11 @@ class HighsProcess:
     def start(self, request: Mapping[str, Any]) -> Future[dict[str, Any]]:
         """Begin to solve a program after those before it; see `solve_arrays`."""
         if self._process is None:
-            # Without this file's folder on the path (-P), whose modules are not the script's; in
-            # a session of its own, as Ctrl-C is for the process that waits.
+            from exposight.leash import leashed  # not above: the script needs nothing of exposight
+
+            # In a session of its own, as Ctrl-C is for the process that waits.
             self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__],
+                leashed(__file__),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,
