@@ -115,6 +115,10 @@ class NotPositiveDefiniteError(NumericalError):
     """A covariance matrix has no Cholesky factor, even with the largest allowed jitter."""
 
 
+class OutOfMemoryError(ExposightError):
+    """What is asked for takes more memory than the machine has left; nothing was begun."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known name most like this one, or an empty text."""
     by_lower_case = {each.lower(): each for each in known}

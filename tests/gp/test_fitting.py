@@ -5,6 +5,7 @@ import pytest
 
 from exposight.errors import InputError, NotPositiveDefiniteError, NumericalError, ObservationError
 from exposight.gp import (
+    EVALUATIONS,
     Bounds,
     ChangePoint,
     DataScale,
@@ -92,12 +93,20 @@ def test_every_start_is_reported_and_the_best_one_wins(observations):
         restarts=4,
         progress=lambda *step: seen.append(step),
     )
-    assert seen == [("fitting", done, 4) for done in (1, 2, 3, 4)]
+    starts = [step for step in seen if step[0] == "fitting"]
+    assert starts == [("fitting", done, 4) for done in (1, 2, 3, 4)]
     assert len(result.starts) == 4
     assert result.evaluations == sum(start.evaluations for start in result.starts)
     best = max(start.log_marginal_likelihood for start in result.starts)
     assert result.log_marginal_likelihood == pytest.approx(best, rel=1e-9)
     assert result.seconds > 0.0
+
+
+def test_every_evaluation_within_a_start_is_reported(observations):
+    seen = []
+    result = fit(SMOOTH, *observations, rng=seeded(), progress=lambda *step: seen.append(step))
+    within = [step for step in seen if step[0] == EVALUATIONS]
+    assert within == [(EVALUATIONS, done + 1, 0) for done in range(result.evaluations)]
 
 
 def test_the_first_start_can_be_the_given_values(observations):

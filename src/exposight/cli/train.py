@@ -145,7 +145,9 @@ def train_command(
         if default:
             progress("training the default models", 0, 1)
             table, grazing = without_grazing(table)
-            quality = train_window(table, mean=mean, start_from=known, **of_table)
+            quality = train_window(
+                table, mean=mean, start_from=known, progress=progress, **of_table
+            )
             progress("training the default models", 1, 1)
             models += [each for each in (quality, quality.radiance) if each.name in default]
             models += [

@@ -3,7 +3,7 @@
 from exposight.gp.bounds import Bounds, DataScale
 from exposight.gp.committee import Committee
 from exposight.gp.committee_fitting import CommitteeFitResult, ShardTask, fit_committee
-from exposight.gp.fitting import FitResult, fit
+from exposight.gp.fitting import EVALUATIONS, FitResult, fit
 from exposight.gp.kernels import (
     Category,
     ChangePoint,

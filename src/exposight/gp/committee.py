@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 from exposight.gp import observations
 from exposight.gp.experts import CommunicationSet, Expert, check_shards, partition
 from exposight.gp.kernels import Kernel
+from exposight.gp.memory import DOUBLE_BYTES, check_memory
 from exposight.gp.regression import Prediction
 from exposight.gp.tiling import choose_threads, in_threads, limit_blas, predict_in_chunks
 from exposight.workers import Progress, ignore_progress
@@ -194,10 +195,18 @@ class Committee:
             gaps beside a communication set.
         ObservationError, NotPositiveDefiniteError
             As for `condition`.
+        OutOfMemoryError
+            If the experts do not fit into memory.
         """
         observations.check_noise_variance(noise_variance)
         inputs, targets, active = observations.check_observations(kernel, x, y)
         owner = check_shards(shard, active)
+        sizes = np.bincount(owner[active] + 1)
+        check_memory(
+            DOUBLE_BYTES * int(np.sum(sizes[1:] * (sizes[1:] + sizes[0])) + sizes[0] ** 2),
+            f"a committee of {len(sizes) - 1} experts on {int(sizes.sum())} observations",
+            "take smaller shards or fewer rows",
+        )
         numbers = range(int(owner.max()) + 1)
         with limit_blas(1):
             known = np.flatnonzero(active & (owner == -1))

@@ -12,7 +12,7 @@ from exposight.errors import InputError, NumericalError
 from exposight.gp.bounds import Bounds, DataScale
 from exposight.gp.committee import Committee
 from exposight.gp.experts import Rows, count_shards, partition
-from exposight.gp.fitting import FitResult, Search, StartResult, fit
+from exposight.gp.fitting import EVALUATIONS, FitResult, Search, StartResult, counting, fit
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import MarginalLikelihood
 from exposight.gp.observations import FloatArray, check_observations
@@ -164,7 +164,7 @@ def fit_committee(
         For what is done in this process; chosen if left out.
     progress : Progress
         Called with the stage "fitting", steps done, and all steps: the starts, the search, then
-        the experts.
+        the experts; and within a start and the search as by `fit`.
 
     Returns
     -------
@@ -194,7 +194,9 @@ def fit_committee(
         bounds=bounds,
         restarts=restarts,
         max_iterations=max_iterations,
-        progress=lambda _, done, __: progress("fitting", done, steps),
+        progress=lambda stage, done, total: progress(
+            stage, done, total if stage == EVALUATIONS else steps
+        ),
     )
     parts = partition(
         warm.process.kernel, near, rng, shard_size=shard_size, communication=communication
@@ -205,7 +207,7 @@ def fit_committee(
     )
     scale = DataScale.of(near, near_y)
     search = Search.of(kernel, scale, bounds=bounds, max_iterations=max_iterations)
-    best = _climb(search, likelihood, warm.process)
+    best = _climb(search, likelihood, warm.process, progress)
     progress("fitting", restarts + 1, steps)
     committee = Committee.condition(
         *search.hyperparameters(best.end),
@@ -247,11 +249,13 @@ def _choose(shards: Sequence[Rows], asked: int | None, rng: np.random.Generator)
     return [shards[i] for i in sorted(drawn)]
 
 
-def _climb(search: Search, likelihood: _SumOfShards, warm: GaussianProcess) -> StartResult:
+def _climb(
+    search: Search, likelihood: _SumOfShards, warm: GaussianProcess, progress: Progress
+) -> StartResult:
     """Search from where the exact fit ended, as far as the limits allow."""
     start = np.append(warm.kernel.log_parameters, np.log(warm.noise_variance))
     with limit_blas(1):
-        end = search.run(likelihood, search.clip(start))
+        end = search.run(likelihood, search.clip(start), counting(progress))
     if end.error is not None:
         count = len(likelihood.shards)
         msg = f"the search on {count} shards could not begin: {end.message}"

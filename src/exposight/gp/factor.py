@@ -16,6 +16,7 @@ from scipy.linalg import blas, lapack
 
 from exposight.errors import InputError, NotPositiveDefiniteError
 from exposight.gp.kernels import Kernel, Quantity
+from exposight.gp.memory import check_memory, square_bytes
 from exposight.gp.observations import FloatArray
 from exposight.gp.tiling import fill_tiles, fill_triangle, in_threads, row_blocks, tile
 
@@ -126,6 +127,13 @@ def factorise(
     NotPositiveDefiniteError
         If there is no factor, even with the largest jitter; the message names the cause.
     """
+    if buffer is None:
+        check_memory(
+            square_bytes(len(x)),
+            f"an exact process of {len(x)} observations",
+            "take a committee, whose memory grows with the rows (train the model again: above "
+            "3000 rows one is taken), or fewer rows",
+        )
     matrix = np.empty((len(x), len(x))) if buffer is None else buffer
 
     def fill() -> None:

@@ -2,8 +2,9 @@
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Literal, Protocol
 
 import numpy as np
@@ -29,6 +30,9 @@ _NOISE_SHARE = 0.01
 _OPTIONS = {"ftol": 1e-11, "gtol": 1e-6, "maxcor": 20}
 # A logarithm this near to its limit counts as at it; L-BFGS-B projects onto the limits exactly.
 _AT_BOUND = 1e-6
+
+EVALUATIONS = "evaluations of the likelihood"
+"""The stage of progress within a start, of whose evaluations nobody knows the number before."""
 
 
 class Likelihood(Protocol):
@@ -135,9 +139,17 @@ class Search:
         out: observations.FloatArray = np.clip(logs, self.limits[:, 0], self.limits[:, 1])
         return out
 
-    def run(self, likelihood: Likelihood, start: observations.FloatArray) -> StartResult:
-        """Search from logarithms within the limits, (p + 1,); a failure is part of the result."""
-        loss = _Loss(search=self, likelihood=likelihood)
+    def run(
+        self,
+        likelihood: Likelihood,
+        start: observations.FloatArray,
+        evaluated: Callable[[], None] = lambda: None,
+    ) -> StartResult:
+        """Search from logarithms within the limits, (p + 1,); a failure is part of the result.
+
+        `evaluated` is called after each evaluation.
+        """
+        loss = _Loss(search=self, likelihood=likelihood, evaluated=evaluated)
         options = {**_OPTIONS, "maxiter": self.max_iterations}
         try:
             end = minimize(
@@ -168,6 +180,7 @@ class _Loss:
 
     search: Search
     likelihood: Likelihood
+    evaluated: Callable[[], None]
     evaluations: int = 0
     worst: float = -np.inf
 
@@ -181,6 +194,7 @@ class _Loss:
                 raise
             # higher than anything before, so that the line search turns back
             return self.worst + 1.0, np.zeros_like(logs)
+        self.evaluated()
         loss = -value / self.likelihood.n_observations
         self.worst = max(self.worst, loss)
         return loss, -slope / self.likelihood.n_observations
@@ -260,7 +274,8 @@ def fit(
         As for `MarginalLikelihood`: more help from a few thousand observations on, and only on
         cores that have nothing else to do.
     progress : Progress
-        Called with the stage "fitting", starts done, and all starts.
+        Called with the stage "fitting", starts done, and all starts; and with the stage
+        `EVALUATIONS`, evaluations done over all starts, and 0 for a number that is not known.
 
     Returns
     -------
@@ -314,11 +329,18 @@ def _search_from(
     progress: Progress,
 ) -> list[StartResult]:
     results = []
+    evaluated = counting(progress)
     for done, start in enumerate(starts, start=1):
-        results.append(search.run(likelihood, start))
+        results.append(search.run(likelihood, start, evaluated))
         _logger.info("start %d of %d: %s", done, len(starts), results[-1].message)
         progress("fitting", done, len(starts))
     return results
+
+
+def counting(progress: Progress) -> Callable[[], None]:
+    """Return what reports one more evaluation each time it is called."""
+    numbers = count(1)
+    return lambda: progress(EVALUATIONS, next(numbers), 0)
 
 
 def _check_arguments(restarts: int, first_start: str, noise_variance: float | None) -> None:

@@ -8,6 +8,7 @@ from exposight.gp import tiling
 from exposight.gp.factor import Factor, Noise, factorise
 from exposight.gp.kernels import Kernel
 from exposight.gp.kernels.loops import weigh_pairs
+from exposight.gp.memory import check_memory, square_bytes
 from exposight.gp.observations import BoolArray, FloatArray
 
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -40,6 +41,8 @@ class MarginalLikelihood:
     ------
     InputError
         If fewer than one thread is asked for.
+    OutOfMemoryError
+        If the buffer does not fit into memory.
     """
 
     def __init__(
@@ -54,6 +57,11 @@ class MarginalLikelihood:
         self._x = np.ascontiguousarray(x[active])
         self._y, self._active, self._row_noise = y, active, row_noise
         self._threads = tiling.choose_threads(threads, worthwhile=False)
+        check_memory(
+            square_bytes(len(self._x)),
+            f"fitting an exact process of {len(self._x)} observations",
+            "take a committee (fit_committee; trained models do above 3000 rows) or fewer rows",
+        )
         self._buffer = np.empty((len(self._x), len(self._x)))
 
     @property

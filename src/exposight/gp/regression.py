@@ -11,6 +11,7 @@ from exposight.gp import observations
 from exposight.gp.factor import Factor, append_rows, factorise
 from exposight.gp.kernels import Kernel
 from exposight.gp.likelihood import log_likelihood, noise_of, white_noise_log_likelihood
+from exposight.gp.spectrum import Spectrum, within
 from exposight.gp.tiling import (
     fill_tiles,
     fill_triangle,
@@ -24,6 +25,9 @@ from exposight.workers import Progress, ignore_progress
 _CHUNK = 2000
 # Pairs of rows and observations from which on a prediction takes long enough to share it.
 _MANY_PAIRS = 10_000_000
+# Rows for each observation from which on eigenvalues pay, found on a sample of so many rows; and
+# between which numbers of observations.
+_MANY_ROWS, _SAMPLE, _FEW, _MANY = 20, 1000, 256, 4096
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -240,7 +244,9 @@ class GaussianProcess:
     ) -> Prediction:
         """Predict mean and standard deviation, in constant memory.
 
-        Rasmussen and Williams 2006, Eq. 2.25 and 2.26.
+        Rasmussen and Williams 2006, Eq. 2.25 and 2.26. Of very many rows, twenty for each
+        observation, standard deviations are right to 1e-4 of themselves (`Spectrum`), where that
+        saves time.
 
         Parameters
         ----------
@@ -266,24 +272,31 @@ class GaussianProcess:
             If fewer than one thread is asked for.
         """
         inputs = observations.check_inputs(x, columns=self.x.shape[1])
-        mean, variance = np.empty(len(inputs)), np.empty(len(inputs))
-
-        def predict_rows(rows: slice) -> None:
-            mean[rows], variance[rows] = self._mean_and_variance(inputs[rows])
-
+        # outside the gate nothing is left to predict: mean and variance are 0
+        inside = ~self.kernel.closed(inputs)
+        rows = np.flatnonzero(inside)
+        mean, variance = np.zeros(len(inputs)), np.zeros(len(inputs))
+        noise = self.noise_variance if include_noise else 0.0
         # computed once, on one thread, and before the threads that share it
         with limit_blas(1):
             _ = self._factor.inverse
+            spectrum = self._spectrum(
+                inputs[rows[:: max(1, len(rows) // _SAMPLE)]], len(rows), noise
+            )
+
+        def predict_rows(chunk: slice) -> None:
+            some = chunk.start + np.flatnonzero(inside[chunk])
+            mean[some], variance[some] = self._mean_and_variance(inputs[some], noise, spectrum)
+
         predict_in_chunks(
             predict_rows,
             len(inputs),
             chunk=_CHUNK,
             threads=threads,
-            worthwhile=len(inputs) * len(self._active_x) >= _MANY_PAIRS,
+            worthwhile=len(rows) * len(self._active_x) >= _MANY_PAIRS,
             progress=progress,
         )
-        if include_noise:
-            variance += self.noise_variance
+        variance += noise
         return Prediction(mean=mean, std=np.sqrt(variance))
 
     def predict_jointly(self, x: ArrayLike, *, include_noise: bool = False) -> JointPrediction:
@@ -375,12 +388,44 @@ class GaussianProcess:
         return Prediction(mean=self.y - residual, std=np.sqrt(variance))
 
     def _mean_and_variance(
-        self, x: observations.FloatArray
+        self, x: observations.FloatArray, noise: float = 0.0, spectrum: Spectrum | None = None
     ) -> tuple[observations.FloatArray, observations.FloatArray]:
+        """Predict checked inputs inside the gate; the variance without the noise."""
         cross = np.empty((len(x), len(self._active_x)))
         fill_tiles(self.kernel, x, self._active_x, cross)
-        mean = cross @ self._alpha
-        explained = self._factor.half_solve(cross.T).T
-        variance = self.kernel.prior_variance(x) - np.einsum("ij,ij->i", explained, explained)
-        # rounding may leave a variance a hair below zero at a training point
+        mean, prior = cross @ self._alpha, self.kernel.prior_variance(x)
+        if spectrum is None:
+            return mean, self._remaining(cross, prior)
+        explained, error = spectrum.explain(cross, prior)
+        variance = prior - explained
+        coarse = np.flatnonzero(~within(error, variance + noise))
+        if len(coarse):
+            variance[coarse] = self._remaining(cross[coarse], prior[coarse])
         return mean, np.maximum(variance, 0.0)
+
+    def _remaining(
+        self, cross: observations.FloatArray, prior: observations.FloatArray
+    ) -> observations.FloatArray:
+        """Return what the observations leave of rows' variance; `cross` is overwritten."""
+        explained = self._factor.half_solve(cross.T).T
+        # rounding may leave a variance a hair below zero at a training point
+        left: observations.FloatArray = prior - np.einsum("ij,ij->i", explained, explained)
+        return np.maximum(left, 0.0, out=left)
+
+    def _spectrum(
+        self, sample: observations.FloatArray, rows: int, noise: float
+    ) -> Spectrum | None:
+        """Return the eigenvalues that predicting so many rows takes, where that saves time."""
+        n = len(self._active_x)
+        if self.row_noise is not None or rows < _MANY_ROWS * n or not _FEW <= n <= _MANY:
+            return None
+        cross = np.empty((len(sample), n))
+        fill_tiles(self.kernel, sample, self._active_x, cross)
+        prior = self.kernel.prior_variance(sample)
+        variance = self._remaining(cross.copy(), prior)
+        matrix = np.empty((n, n))
+        for block in row_blocks(n):
+            fill_triangle(self.kernel, self._active_x, block, matrix)
+        total = self.noise_variance + self.jitter
+        # C order's upper triangle is the lower one in LAPACK's
+        return Spectrum.of(matrix.T, total, cross, prior, variance, noise)

@@ -13,7 +13,7 @@ limits, by expectation propagation (Minka 2001).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, TypeAlias
@@ -50,6 +50,9 @@ from exposight.models.ring_light import RingLight, Rings
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
+
+SEARCHED_RINGS = 1500
+"""A dozen hyperparameters are found on so many rings at most; more hardly move them."""
 
 SURPRISE = 1e-5
 """Chance below which brightness is not that of the surface that was learnt."""
@@ -116,6 +119,7 @@ class LogRadiance:
         kind: MeanKind = "projector",
         start_from: LogRadiance | None = None,
         same_surface: bool = False,
+        evaluated: Callable[[], None] = lambda: None,
     ) -> LogRadiance:
         """Learn from rings.
 
@@ -131,6 +135,8 @@ class LogRadiance:
             Of another surface or another sensor: its hyperparameters are the priors' centres.
         same_surface : bool
             Whether that is the same surface, whose lobe is known then.
+        evaluated : callable
+            Called after each evaluation of the posterior.
 
         Raises
         ------
@@ -157,9 +163,11 @@ class LogRadiance:
         if same_surface and start_from is not None:
             known_lobe = start_from.formula.parameters
             formula, std = formula.with_parameters([level, *known_lobe[1:]]), KNOWN_LOBE_STD
-        search = Search(data, light, formula, std, kernel, priors)
-        x = _inputs(rings, light, formula, features, views)[0]
-        found, logs, evaluations = search.run(x[known])
+        some = data.thinned(SEARCHED_RINGS)
+        some_light = light if some is data else formula.light(some.rings, sensor)
+        search = Search(some, some_light, formula, std, kernel, priors)
+        x = _inputs(some.rings, some_light, formula, features, views)[0]
+        found, logs, evaluations = search.run(x[some.limit == 0], evaluated)
         whole = kernel.with_log_parameters(logs[:-1]) + Linear(
             variances=tuple((std**2).tolist()), dims=SLOPES, fixed=("variances",)
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -198,8 +198,13 @@ class Search:
     kernel: Kernel
     priors: list[_Prior]
 
-    def run(self, x: FloatArray) -> tuple[Formula, FloatArray, int]:
-        """Return the formula, the hyperparameters' logarithms (noise last), and evaluations."""
+    def run(
+        self, x: FloatArray, evaluated: Callable[[], None] = lambda: None
+    ) -> tuple[Formula, FloatArray, int]:
+        """Return the formula, the hyperparameters' logarithms (noise last), and evaluations.
+
+        `evaluated` is called after each of them.
+        """
         known = self.data.limit == 0
         y = self.data.log_radiance[known]
         likelihood = MarginalLikelihood(
@@ -220,6 +225,7 @@ class Search:
                 float(np.exp(logs[-1])),
                 y - mean[known],
             )
+            evaluated()
             z, z_formula = (logs - centre) / std, (parameters - origin) / self.formula_std
             by_formula = slopes[known].T @ alpha - z_formula / self.formula_std
             gradient = np.concatenate([by_formula[:free], by_logs - z / std])

@@ -7,7 +7,7 @@ exposure time. Captures in which more than a few pixels clip only tell that L is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -86,6 +86,34 @@ class RingData:
 
     def __len__(self) -> int:
         return len(self.rings)
+
+    def take(self, places: NDArray[np.int64]) -> RingData:
+        """Return some of the rings, in the order of `places`."""
+        return replace(
+            self,
+            rings=self.rings.take(places),
+            incidence_deg=self.incidence_deg[places],
+            log_radiance=self.log_radiance[places],
+            variance=self.variance[places],
+            limit=self.limit[places],
+        )
+
+    def thinned(self, most: int) -> RingData:
+        """Return at most so many rings: one of each feature and each view first, then any.
+
+        Drawn with a fixed seed, so that the same table gives the same model; measured rings go
+        before those of which only a limit is known.
+        """
+        if len(self) <= most:
+            return self
+        order = np.random.default_rng(0).permutation(len(self))
+        order = order[np.argsort(self.limit[order] != 0, kind="stable")]
+        first = np.zeros(len(self), dtype=np.bool_)
+        for names in (self.rings.features, self.rings.views):
+            _, places = np.unique(np.array(names)[order], return_index=True)
+            first[order[places]] = True
+        chosen = order[np.argsort(~first[order], kind="stable")][:most]
+        return self.take(np.sort(chosen))
 
 
 def without_grazing(table: ObservationTable) -> tuple[ObservationTable, int]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import polars as pl
@@ -24,12 +26,17 @@ from exposight.models.response_curve import (
     rows_of_quality,
 )
 from exposight.models.ring_data import ring_data
-from exposight.models.ring_light import POSE_COLUMNS, check_places
+from exposight.models.ring_light import POSE_COLUMNS, Rings, check_places
 from exposight.models.window_fit import fit_window
 from exposight.models.window_model import WindowModel
 from exposight.observing import ObservationTable, tcp_text
 from exposight.quantities import quantity
 from exposight.tables import counted
+from exposight.workers import Progress, ignore_progress
+
+logger = logging.getLogger(__name__)
+
+EVALUATIONS = "evaluations of the posterior"
 
 
 def keeps_limits(previous: RadianceModel, sensor: ActiveSensor | None, origin: Origin) -> bool:
@@ -39,6 +46,10 @@ def keeps_limits(previous: RadianceModel, sensor: ActiveSensor | None, origin: O
         return previous.sensor is sensor and bool(named) and named == origin.sensor
     return previous.sensor == sensor
 
+
+MOST_RINGS = 3000
+"""So many rings are learnt from at most: time grows with their cube, memory with their square,
+while the error of 3000 rings (each from all its captures) is that of what no ring tells."""
 
 _LEAST_RINGS = 3
 """Fewer rings leave nothing to learn a band from."""
@@ -53,6 +64,7 @@ def train_window(
     source: str = "a table in memory",
     source_sha256: str | None = None,
     seed: int | None = None,
+    progress: Progress = ignore_progress,
 ) -> WindowModel:
     """Train the radiance model and the window model on observations.
 
@@ -71,6 +83,8 @@ def train_window(
         limits are learnt anew. Its hyperparameters are where the search starts.
     source, source_sha256, seed
         Of the table; kept in the model's provenance.
+    progress : Progress
+        Receives the evaluations of the posterior that are done, whose number nobody knows before.
 
     Raises
     ------
@@ -127,6 +141,11 @@ def train_window(
         )
         raise ObservationError(msg)
     check_places(data.rings, data.incidence_deg, sensor)
+    if len(data) > MOST_RINGS:
+        logger.info("learning from %d of %d rings", MOST_RINGS, len(data))
+        data = data.thinned(MOST_RINGS)
+        measured = measured.where(_is_of(data.rings, measured.frame))
+    evaluations = count(1)
     learnt = LogRadiance.fit(
         data,
         sensor,
@@ -135,6 +154,7 @@ def train_window(
         same_surface=previous is not None
         and not same_sensor
         and previous.origin.finish == origin.finish,
+        evaluated=lambda: progress(EVALUATIONS, next(evaluations), 0),
     )
     provenance = Provenance.of(measured, source=source, sha256=source_sha256, seed=seed)
     radiance = RadianceModel(
@@ -165,6 +185,15 @@ def train_window(
         window=window,
         n_rows=len(measured),
     )
+
+
+def _is_of(rings: Rings, frame: pl.DataFrame) -> pl.Series:
+    """Return which rows of a frame are of some rings, by feature and view."""
+    kept = pl.DataFrame({"feature": rings.features, "view": rings.views, "_kept": True})
+    joined = frame.select("feature", "view").join(
+        kept, on=("feature", "view"), how="left", maintain_order="left"
+    )
+    return joined["_kept"].fill_null(value=False)
 
 
 def train_response(

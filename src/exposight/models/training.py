@@ -36,6 +36,9 @@ of the time there, a fortieth at 6000, at the same error (measured in `exposight
 _SHARD_SIZE, _COMMUNICATION = 2000, 1000
 """Rows of one expert at most, and rows that all experts share (`fit_committee`)."""
 
+_SEARCHED_SHARDS = 8
+"""Shards on which hyperparameters are searched at most: 17 000 rows tell a handful of numbers."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Training:
@@ -113,7 +116,8 @@ class Training:
         n_lit = self._check_brightness(x)
 
         def report(stage: str, done: int, total: int) -> None:
-            progress(f"training {specification.name}", done, total)
+            name = f"training {specification.name}"
+            progress(f"{name}, {stage}" if stage == gp.EVALUATIONS else name, done, total)
 
         report("", 0, restarts)
         kernel, rng = specification.kernel, np.random.default_rng(self.seed)
@@ -131,6 +135,7 @@ class Training:
                 restarts=restarts,
                 shard_size=min(_SHARD_SIZE, 2 * limit // 3),
                 communication=min(_COMMUNICATION, limit // 3),
+                search_shards=_SEARCHED_SHARDS,
                 shard_map=None if cluster is None else partial(_on_cluster, as_cluster(cluster)),
                 progress=report,
             )

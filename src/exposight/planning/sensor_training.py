@@ -63,7 +63,9 @@ def train(
     """
     if all(isinstance(each, str) and each in DEFAULT_MODELS for each in models):
         progress("training models", 0, 1)
-        quality = train_window(table, sensor=sensor, mean=mean, start_from=start_from, seed=seed)
+        quality = train_window(
+            table, sensor=sensor, mean=mean, start_from=start_from, seed=seed, progress=progress
+        )
         progress("training models", 1, 1)
         return SensorModels(quality=quality)
     specifications = [model_named(each) if isinstance(each, str) else each for each in models]
