@@ -23,11 +23,27 @@ def look_up(environment: Path, pins: Sequence[str] = _PINS) -> list[dict[str, An
     python, report = environment / "bin" / "python", environment / "audit.json"
     if not python.exists():
         venv.create(environment, with_pip=True)
-        install = [str(python), "-m", "pip", "-q", "--disable-pip-version-check", "install", _WANTED]
+        install = [
+            str(python),
+            "-m",
+            "pip",
+            "-q",
+            "--disable-pip-version-check",
+            "install",
+            _WANTED,
+        ]
         if subprocess.run(install, check=False).returncode:
             return []
     report.unlink(missing_ok=True)
-    command = [str(python), "-m", "pip_audit", "--disable-pip", "--require-hashes", "--timeout", "20"]
+    command = [
+        str(python),
+        "-m",
+        "pip_audit",
+        "--disable-pip",
+        "--require-hashes",
+        "--timeout",
+        "20",
+    ]
     command += ["--progress-spinner", "off", "--format", "json", "--output", str(report)]
     command += [word for each in pins for word in ("--requirement", each)]
     subprocess.run(command, check=False, capture_output=True)

@@ -319,7 +319,7 @@ def test_a_damaged_e57_is_named(tmp_path):
     e57(tmp_path / "cloud.e57", (np.ones((1000, 3)), {}))
     data = (tmp_path / "cloud.e57").read_bytes()
     (tmp_path / "cloud.e57").write_bytes(data[: len(data) // 2])
-    with pytest.raises(DamagedFileError, match=r"cloud\.e57 is no E57 file, or is damaged"):
+    with pytest.raises(FormatError, match=r"cloud\.e57 is not a readable E57 point cloud"):
         read_cloud(tmp_path / "cloud.e57")
 
 
@@ -364,14 +364,16 @@ def test_another_unit_is_converted_to_mm(tmp_path):
 def test_a_pickle_is_not_unpickled(tmp_path):
     path = tmp_path / "cloud.npy"
     np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises((FormatError, DamagedFileError), match="without pickled objects"):
+    with pytest.raises(
+        (FormatError, DamagedFileError), match="Python objects, which are never read"
+    ):
         read_cloud(path)
 
 
 def test_an_npz_is_not_taken_for_an_npy(tmp_path):
     with (tmp_path / "cloud.npy").open("wb") as file:
         np.savez(file, a=np.ones((2, 3)))
-    with pytest.raises(FormatError, match="archive of several arrays"):
+    with pytest.raises(FormatError, match=r"expected an array of numpy \(NPY\)"):
         read_cloud(tmp_path / "cloud.npy")
 
 

@@ -1,6 +1,7 @@
 """Recordings as scanners leave them: images and clouds whose names tell view and exposure time."""
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from PIL import Image as PillowImage
 from exposight.cell.cloud_formats.cloud_files import READ_SUFFIXES
 from exposight.cell.image_files import is_image
 from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError
-from exposight.files import UNITS_MS, ambiguous, current_reading
+from exposight.files import UNITS_MS, ambiguous, current_reading, parsing
 
 IMAGE_SUFFIXES = frozenset(
     {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm", ".ppm", ".pnm"}
@@ -180,9 +181,13 @@ def _depth_images(
 def _is_deep(path: Path) -> bool:
     """Tell whether an image has one channel of more than 8 bits, from its head."""
     try:
-        with PillowImage.open(path) as image:
+        with (
+            parsing(path, "image"),
+            warnings.catch_warnings(action="ignore"),
+            PillowImage.open(path) as image,
+        ):
             return image.mode.startswith(("I", "F"))
-    except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError):
+    except FormatError:
         return False
 
 
@@ -377,18 +382,18 @@ def _views(rests: Sequence[str]) -> list[str]:
 # -- exposure times within files ----------------------------------------------------------------
 
 _EXIF, _EXPOSURE_TIME = 0x8769, 0x829A
+_LONGEST_S = 3600.0
+"""Longer exposures are an astronomer's, or a damaged file's."""
 
 
 def exif_exposure_ms(path: str | Path) -> float | None:
     """Return the exposure time that an image's EXIF tells, ms; None where it tells none."""
     try:
-        with PillowImage.open(path) as image:
-            exif = image.getexif()
+        with parsing(path, "image"), warnings.catch_warnings(action="ignore"):
+            with PillowImage.open(path) as image:
+                exif = image.getexif()
             value = exif.get_ifd(_EXIF).get(_EXPOSURE_TIME, exif.get(_EXPOSURE_TIME))
             seconds = float(value) if value is not None else 0.0
-    except (
-        *(OSError, ValueError, SyntaxError, TypeError, ZeroDivisionError),
-        PillowImage.DecompressionBombError,
-    ):
+    except FormatError:
         return None  # whatever reads the image says what is wrong with it
-    return 1e3 * seconds if seconds > 0 else None
+    return 1e3 * seconds if 0.0 < seconds <= _LONGEST_S else None

@@ -1,21 +1,20 @@
 """Decoded maps as files: NumPy archives that other programs read (docs/formats.md)."""
 
 import io
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exposight.cell import GREY_MAX
 from exposight.errors import FormatError
-from exposight.files import read_bytes, write_durably
-from exposight.imaging.decoded import DecodedMap
+from exposight.files import parsing, read_arrays, read_bytes, write_durably
+from exposight.imaging.decoded import DecodedMap, PixelFlag
 
 _FORMAT = "exposight decoded map"
 _VERSION = 1
-_DAMAGED = (zipfile.BadZipFile, zlib.error)
+_MOST_PROJECTOR_PIXELS = 100_000
 
 
 def write_map(path: str | Path, decoded: DecodedMap) -> None:
@@ -60,12 +59,7 @@ def read_map(path: str | Path) -> DecodedMap:
         If it is no decoded map, of a later version, damaged, or its arrays do not fit together.
     """
     data = read_bytes(Path(path), "decoded map")
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, TypeError, AttributeError, OSError, EOFError, *_DAMAGED) as error:
-        msg = f"{path}: damaged, or no NumPy archive of a decoded map ({error})"
-        raise FormatError(msg) from error
+    arrays = read_arrays(data, path, "decoded map", kinds="biufU")
     if str(arrays.get("format")) != _FORMAT:
         msg = f"{path}: expected the format '{_FORMAT}', got {arrays.get('format')}"
         raise FormatError(msg)
@@ -90,9 +84,11 @@ def read_map(path: str | Path) -> DecodedMap:
             f"projector_size, got {sorted(arrays)} of shape {shape}"
         )
         raise FormatError(msg)
-    exposure_ms = float(arrays["exposure_ms"])
-    width, height = arrays["projector_size"].tolist()
-    return DecodedMap(
+    with parsing(path, "decoded map"):
+        exposure_ms = float(arrays["exposure_ms"])
+        width, height = arrays["projector_size"].tolist()
+        emulated = bool(arrays["emulated"])
+    decoded = DecodedMap(
         column=coordinates.get("column"),
         row=coordinates.get("row"),
         modulation=_array(arrays, "modulation", np.float32, shape, path),
@@ -100,8 +96,29 @@ def read_map(path: str | Path) -> DecodedMap:
         projector_width=int(width),
         projector_height=int(height),
         exposure_ms=None if np.isnan(exposure_ms) else exposure_ms,
-        emulated=bool(arrays["emulated"]),
+        emulated=emulated,
     )
+    if fault := _fault(decoded):
+        msg = f"{path}: {fault}; decode the frames again"
+        raise FormatError(msg)
+    return decoded
+
+
+def _fault(decoded: DecodedMap) -> str:
+    """Say what no decoding yields; empty where nothing does."""
+    size = decoded.projector_width, decoded.projector_height
+    if not all(0 < pixels <= _MOST_PROJECTOR_PIXELS for pixels in size):
+        return f"expected a projector of 1 to {_MOST_PROJECTOR_PIXELS} px a side, got {size}"
+    if decoded.exposure_ms is not None and not 0.0 < decoded.exposure_ms < np.inf:
+        return f"expected an exposure time above 0 ms, got {decoded.exposure_ms:g}"
+    if not ((decoded.modulation >= 0.0) & (decoded.modulation <= GREY_MAX)).all():
+        return f"expected modulations from 0 to {GREY_MAX}"
+    if (decoded.flags > sum(PixelFlag)).any():
+        return f"expected flags of {', '.join(f'{flag:d}' for flag in PixelFlag)}"
+    axes = [each for each in (decoded.column, decoded.row) if each is not None]
+    if any(np.isinf(each).any() for each in axes):
+        return "expected finite coordinates, or NaN where there is none"
+    return ""
 
 
 def _array(

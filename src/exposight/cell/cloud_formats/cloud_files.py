@@ -26,7 +26,14 @@ from exposight.cell.cloud_formats.pcd import is_pcd, points_from_pcd
 from exposight.cell.cloud_formats.ply import ply_from_points, points_from_ply
 from exposight.cell.cloud_formats.text_clouds import TEXT_SUFFIXES, points_from_text
 from exposight.errors import CloudError, DamagedFileError, FormatError
-from exposight.files import UNITS_MM, read_bytes, recognised, write_durably
+from exposight.files import (
+    UNITS_MM,
+    parsing,
+    read_array,
+    read_bytes,
+    recognised,
+    write_durably,
+)
 
 _CSV_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
@@ -88,24 +95,30 @@ def read_cloud(
         raise DamagedFileError(msg)
     kind = _kind(data, path)
     try:
-        if kind == ".e57":
-            cloud, unit = _read_e57(path, scan, unit), "mm"
-        elif kind in TEXT_SUFFIXES:  # whose header may tell units, and pixels of an image
-            cloud = Cloud(points=points_from_text(data, path, size=size, unit=unit))
-            unit = "mm"
-        else:
-            cloud = _READERS[kind](data, path)
-        cloud = _without_fill(cloud, path)
-        if unit != "mm":
-            cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
+        # Numbers beyond float32 become infinite, and so missing.
+        with parsing(path, f"{kind[1:].upper()} point cloud"), np.errstate(all="ignore"):
+            if kind == ".e57":
+                cloud, unit = _read_e57(data, path, scan, unit), "mm"
+            elif kind in TEXT_SUFFIXES:  # whose header may tell units, and pixels of an image
+                cloud = Cloud(points=points_from_text(data, path, size=size, unit=unit))
+                unit = "mm"
+            else:
+                cloud = _READERS[kind](data, path)
+            cloud = _without_fill(cloud, path)
+            if unit != "mm":
+                cloud = cloud.scaled(LENGTH_UNITS_MM[unit])
         if tuple(axes) != ("x", "y", "z"):
-            order = ["xyz".index(name.removeprefix("-")) for name in axes]
-            signs = np.array([-1.0 if name.startswith("-") else 1.0 for name in axes], np.float32)
-            cloud = replace(cloud, points=cloud.points[..., order] * signs)
+            cloud = _turned(cloud, axes)
         return cloud if size is None else cloud.organise(*size)
     except CloudError as error:
         msg = f"{path}: {error}"
         raise CloudError(msg) from error
+
+
+def _turned(cloud: Cloud, axes: Sequence[str]) -> Cloud:
+    order = ["xyz".index(name.removeprefix("-")) for name in axes]
+    signs = np.array([-1.0 if name.startswith("-") else 1.0 for name in axes], np.float32)
+    return replace(cloud, points=cloud.points[..., order] * signs)
 
 
 def _without_fill(cloud: Cloud, path: Path) -> Cloud:
@@ -168,11 +181,11 @@ def _pcd(cloud: Cloud) -> bytes:
     return buffer.getvalue()
 
 
-def _read_e57(path: Path, scan: int | None, unit: str) -> Cloud:
+def _read_e57(data: bytes, path: Path, scan: int | None, unit: str) -> Cloud:
     if unit == "cm":
         msg = "E57 files are in m by their standard; leave out the unit"
         raise CloudError(msg)
-    return Cloud(points=points_from_e57(path, scan))
+    return Cloud(points=points_from_e57(data, path, scan))
 
 
 def _write_text(separator: str, header: bool, cloud: Cloud) -> bytes:
@@ -186,20 +199,7 @@ _xyz, _csv = partial(_write_text, " ", False), partial(_write_text, ",", True)
 
 
 def _read_npy(data: bytes, path: Path) -> Cloud:
-    try:
-        array = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        msg = (
-            f"{path} cannot be read as NPY ({error}); expected an array of numbers of shape "
-            "(rows, columns, 3) or (n, 3) in mm, without pickled objects"
-        )
-        kind = DamagedFileError if data.startswith(b"\x93NUMPY") else FormatError
-        raise kind(msg) from error
-    if not isinstance(array, np.ndarray):
-        array.close()
-        msg = f"{path} is an archive of several arrays (NPZ); expected one array (NPY)"
-        raise FormatError(msg)
-    return Cloud(points=array)
+    return Cloud(points=read_array(data, path, "point cloud"))
 
 
 def _npy(cloud: Cloud) -> bytes:

@@ -6,7 +6,6 @@ anything else, which the files do not say.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from exposight.cell.sensor import ActiveSensor
 from exposight.contradictions import settle
 from exposight.contradictions.depths import depth_scale, fitting_scales
 from exposight.errors import CloudError, FormatError, ImageError
-from exposight.files import read_bytes
+from exposight.files import parsing, read_array, read_bytes
 from exposight.geometry import PinholeCamera, grid_camera, grid_ratio
 
 _IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
@@ -42,8 +41,9 @@ def is_depth_image(path: Path) -> bool:
     if not start.startswith(_NPY):
         return path.suffix.lower() in _IMAGE_SUFFIXES and not start.startswith(b"ply")
     try:
-        shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
-    except (ValueError, EOFError, OSError, AttributeError):  # `read_cloud` says what it is
+        with parsing(path, "array"):
+            shape = np.load(path, mmap_mode="r", allow_pickle=False).shape
+    except FormatError:  # `read_cloud` says what it is
         return False
     return len(shape) == 2 and shape[1] != 3
 
@@ -71,11 +71,7 @@ def read_depth(path: Path) -> NDArray[np.float64]:
     """
     data = read_bytes(path, "depth image")
     if data.startswith(_NPY) or (path.suffix.lower() == ".npy" and not is_image(data)):
-        try:
-            array = np.load(io.BytesIO(data), allow_pickle=False)
-        except (ValueError, EOFError, OSError) as error:
-            msg = f"{path} cannot be read as NPY ({error}); expected an array (rows, columns)"
-            raise FormatError(msg) from error
+        array = read_array(data, path, "depth image")
     elif is_image(data) or path.suffix.lower() in _IMAGE_SUFFIXES:
         try:
             array = decoded_image(data, path)
@@ -87,7 +83,12 @@ def read_depth(path: Path) -> NDArray[np.float64]:
             f"{path.suffix!r}; convert it without changing its numbers"
         )
         raise FormatError(msg)
-    if array.ndim != 2 or array.dtype.kind not in "uif" or array.dtype.itemsize < 2:
+    if (
+        array.ndim != 2
+        or array.size == 0
+        or array.dtype.kind not in "uif"
+        or array.dtype.itemsize < 2
+    ):
         found = f"{array.dtype} of shape {array.shape}"
         msg = (
             f"{path}: expected a depth image of one channel, in 16 bits or floating-point numbers, "

@@ -4,8 +4,8 @@ Lengths in E57 files are metres, always. A scan's points are in its own frame, t
 where it stands in the file's frame (its pose) does not matter here.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import DamagedFileError, FormatError, InputError
-from exposight.files import recognised
+from exposight.files import parse_apart, recognised
 
 SIGNATURE = b"ASTM-E57"
 """First bytes of an E57 file."""
 
 _AXES = ("cartesianX", "cartesianY", "cartesianZ")
 _INVALID, _ROW, _COLUMN = "cartesianInvalidState", "rowIndex", "columnIndex"
-_LEAST_BYTES = 3
-"""Of a point in a file: fewer than a byte for each coordinate cannot hold it."""
 _SPARSE = 64
 """Pixels to a point, at most, of a grid that is taken for an image."""
+
+_PARSER = Path(__file__).with_name("e57_parser.py")
+_SECONDS, _SECONDS_PER_MB = 9.0, 1.0
+_GB, _GB_PER_GB = 0.4, 150.0
+"""Time and memory that a file may take to be read: points packed into three bytes become six
+columns of eight, which are held three times when they are handed over."""
 
 
 def split_scan(path: Path) -> tuple[Path, int | None]:
@@ -34,13 +38,15 @@ def split_scan(path: Path) -> tuple[Path, int | None]:
     return path, None
 
 
-def points_from_e57(path: Path, scan: int | None = None) -> NDArray[np.floating]:
-    """Read a scan of an E57 file.
+def points_from_e57(data: bytes, path: Path, scan: int | None = None) -> NDArray[np.floating]:
+    """Return a scan of an E57 file.
 
     Parameters
     ----------
+    data : bytes
+        The whole file.
     path : Path
-        The file.
+        Its name, for messages.
     scan : int, optional
         Which of its scans, from 1; needed where there are several.
 
@@ -55,108 +61,89 @@ def points_from_e57(path: Path, scan: int | None = None) -> NDArray[np.floating]
     InputError
         If pye57 is not installed, or there are several scans and none was chosen.
     FormatError
-        If it has no such scan, or no Cartesian coordinates.
+        If it has no such scan, no Cartesian coordinates, or cannot be parsed.
     DamagedFileError
-        If it cannot be read to its end.
+        If it is cut off.
     """
-    with _opened(path) as file:
-        n_scans = int(file.scan_count)
-        if n_scans == 0 or (scan is not None and not 1 <= scan <= n_scans):
-            msg = f"{path}: expected the scan {scan or 1}, the file has {n_scans}"
-            raise FormatError(msg)
-        if scan is None and n_scans > 1:
-            msg = (
-                f"{path} holds {n_scans} scans, each a cloud of its own; say which one it is: "
-                f"{path.name}#1 to {path.name}#{n_scans}"
-            )
-            raise InputError(msg)
-        header = file.get_header((scan or 1) - 1)
-        if not set(_AXES) <= set(header.point_fields):
-            msg = (
-                f"{path}: expected points with {', '.join(_AXES)}, got "
-                f"{', '.join(header.point_fields)}; export Cartesian coordinates"
-            )
-            raise FormatError(msg)
-        n_points = int(header.point_count)
-        if _LEAST_BYTES * n_points > path.stat().st_size:
-            msg = (
-                f"{path} is cut off or wrong: it announces {n_points} points, more than a file of "
-                f"its {path.stat().st_size} bytes can hold; copy or export it again"
-            )
-            raise DamagedFileError(msg)
-        wanted = [*_AXES, *({_INVALID, _ROW, _COLUMN} & set(header.point_fields))]
-        data, buffers = file.make_buffers(wanted, n_points)
-        found = int(header.points.reader(buffers).read()) if n_points else 0
-        first, size = _bounds(header)
-        turned = header.has_pose() and not (
-            np.allclose(header.translation, 0.0) and np.allclose(header.rotation_matrix, np.eye(3))
+    told = _parsed(data, path, scan)
+    n_scans = int(told["scans"])
+    if "fields" not in told and 1 <= (scan or 1) <= n_scans:
+        msg = (
+            f"{path} holds {n_scans} scans, each a cloud of its own; say which one it is: "
+            f"{path.name}#1 to {path.name}#{n_scans}"
         )
-    if found < n_points:
-        msg = f"{path} is cut off: it announces {n_points} points, it holds {found}; copy it again"
+        raise InputError(msg)
+    if "fields" not in told:
+        msg = f"{path}: expected the scan {scan or 1}, the file has {n_scans}"
+        raise FormatError(msg)
+    fields = told["fields"].tolist()
+    if not set(_AXES) <= set(fields):
+        msg = (
+            f"{path}: expected points with {', '.join(_AXES)}, got {', '.join(fields)}; export "
+            "Cartesian coordinates"
+        )
+        raise FormatError(msg)
+    announced = int(told["announced"])
+    if "found" not in told or told["found"] != announced:
+        holds = f"it holds {told['found']}" if "found" in told else "more than its bytes can hold"
+        msg = f"{path} is cut off or wrong: it announces {announced} points, {holds}; copy it again"
         raise DamagedFileError(msg)
-    points = 1000.0 * np.stack([data[axis] for axis in _AXES], axis=-1)
-    if _INVALID in data:
-        points[data[_INVALID] != 0] = np.nan
+    points = 1000.0 * np.stack([told[axis] for axis in _AXES], axis=-1)
+    if _INVALID in told:
+        points[told[_INVALID] != 0] = np.nan
     remarks = ["m converted to mm, as E57 has them"]
-    if turned:
+    if told["turned"]:
         remarks.append("points in the scan's own frame, its pose in the file is not applied")
-    if {_ROW, _COLUMN} <= data.keys():
-        index = np.stack([data[_ROW], data[_COLUMN]], axis=-1).astype(np.int64)
-        points = _organised(points, index, first, size, remarks)
+    if {_ROW, _COLUMN} <= told.keys():
+        index = np.stack([told[_ROW], told[_COLUMN]], axis=-1).astype(np.int64)
+        low, high = told["bounds"].reshape(2, -1).astype(np.int64)
+        points = _organised(points, index, low, high, remarks)
     recognised(path, *remarks)
     return points
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a file; whatever the library raises becomes an error that names it."""
+def _parsed(data: bytes, path: Path, scan: int | None) -> dict[str, NDArray[Any]]:
+    """Return what the parser, in a process of its own, makes of a file."""
     try:
-        import pye57
-    except ImportError as error:
+        found = find_spec("pye57") is not None
+    except ValueError:
+        found = False
+    if not found:
         msg = (
             f"{path}: E57 files are read by pye57, which is not installed: pip install "
             "'exposight[e57]', or export the cloud as PLY with its missing points"
         )
-        raise InputError(msg) from error
-    try:
-        with pye57.E57(str(path)) as file:
-            yield file
-    except (pye57.libe57.E57Exception, RuntimeError, ValueError, TypeError, KeyError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        msg = f"{path} is no E57 file, or is damaged ({reason}); copy or export it again"
-        raise DamagedFileError(msg) from error
-
-
-def _bounds(header: Any) -> tuple[NDArray[np.int64] | None, NDArray[np.int64] | None]:
-    """Return the first row and column, and the number of both, that a scan announces."""
-    if not header.node.isDefined("indexBounds"):
-        return None, None
-    bounds = header["indexBounds"]
-    names = ("rowMinimum", "columnMinimum", "rowMaximum", "columnMaximum")
-    if not all(bounds.isDefined(name) for name in names):
-        return None, None
-    low_row, low_column, high_row, high_column = (int(bounds[name].value()) for name in names)
-    first = np.array([low_row, low_column])
-    return first, np.array([high_row, high_column]) - first + 1
+        raise InputError(msg)
+    with tempfile.TemporaryDirectory() as folder:
+        return parse_apart(
+            _PARSER,
+            data,
+            source=path,
+            what="E57 point cloud",
+            seconds=_SECONDS + _SECONDS_PER_MB * len(data) / 1e6,
+            memory_gb=_GB + _GB_PER_GB * len(data) / 1e9,
+            folder=folder,
+            scan=str(scan or ""),
+        )
 
 
 def _organised(
     points: NDArray[np.float64],
     index: NDArray[np.int64],
-    first: NDArray[np.int64] | None,
-    size: NDArray[np.int64] | None,
+    low: NDArray[np.int64],
+    high: NDArray[np.int64],
     remarks: list[str],
 ) -> NDArray[np.float64]:
     """Return points at their rows and columns, or as they are where these are no image's."""
     if len(points) == 0:
         return points
-    if first is None or size is None or (index < first).any() or (index >= first + size).any():
-        first = index.min(axis=0)
-        size = index.max(axis=0) - first + 1
-    rows, columns = (int(n) for n in size)
-    place = (index[:, 0] - first[0]) * columns + index[:, 1] - first[1]
+    if low.size == 0 or (index < low).any() or (index > high).any():
+        low, high = index.min(axis=0), index.max(axis=0)
+    first = low
+    rows, columns = (int(end) - int(start) + 1 for start, end in zip(low, high, strict=True))
     if min(rows, columns) < 2 or rows * columns > _SPARSE * len(points):
         return points
+    place = (index[:, 0] - first[0]) * columns + index[:, 1] - first[1]
     if first.any() and len(points) < rows * columns:
         # Writers that keep valid points alone tell the rows and columns that these reach over.
         remarks.append("without rows and columns, for its indices begin within the image")

@@ -30,6 +30,11 @@ def with_plain_nan(text: bytes) -> bytes:
     return _ODD_NAN.sub(b"nan", text)
 
 
+def lines_of(text: bytes) -> int:
+    """Return how many lines a text has at most, whatever ends them."""
+    return text.count(b"\n") + text.count(b"\r") + 1
+
+
 def numbers_of_lines(
     text: bytes, columns: Sequence[int], source: Path, *, most: int | None = None
 ) -> NDArray[np.float64]:
@@ -61,6 +66,8 @@ def numbers_of_lines(
     if _has_decimal_commas(text):
         recognised(source, "decimal commas")
         text = text.replace(b",", b".")
+    if most is not None:  # is allocated before a line is read
+        most = min(most, lines_of(text))
     if most == 0 or not text.strip():
         return np.zeros((0, len(columns)))
     with warnings.catch_warnings():

@@ -21,6 +21,7 @@ _FIELD_KEYS = ("fields", "columns")
 _TYPES = {"F4", "F8", "U1", "U2", "U4", "U8", "I1", "I2", "I4", "I8"}
 _MOST_PACKED = 300
 """LZF packs at most 264 bytes into 3."""
+_MOST_FIELDS = 1000
 _LONGEST_POINT = 2**24
 """Bytes of a point; descriptors of some thousand numbers occur."""
 
@@ -125,8 +126,10 @@ def _header(data: bytes, path: Path) -> tuple[_Header, bytes]:
         if end < 0 and key != "data":
             msg = f"{path} is no PCD file, or is cut off: its header has no line DATA"
             raise FormatError(msg)
-        if key:
-            said["fields" if key == "columns" else key] = words[1:]
+        key = "fields" if key == "columns" else key
+        if said.setdefault(key, words[1:]) != words[1:]:
+            msg = f"{path}: its PCD header has {key.upper()} twice, and differently"
+            raise FormatError(msg)
         at = end + 1 if end >= 0 else len(data)
     try:
         header = _understood(said)
@@ -149,7 +152,10 @@ def _understood(said: dict[str, list[str]]) -> _Header:
     if encoding != "ascii" and not {"size", "type"} <= said.keys():
         msg = "binary data need SIZE and TYPE"
         raise ValueError(msg)
-    counts = tuple(map(int, said.get("count", ["1"] * len(fields))))
+    if len(fields) > _MOST_FIELDS:
+        msg = f"{len(fields)} fields, more than {_MOST_FIELDS}"
+        raise ValueError(msg)
+    counts = tuple(map(_count, said.get("count", ["1"] * len(fields))))
     sizes = said.get("size", ["4"] * len(fields))
     types = tuple(
         f"{t.upper()}{s}" for t, s in zip(said.get("type", ["F"] * len(fields)), sizes, strict=True)
@@ -160,12 +166,9 @@ def _understood(said: dict[str, list[str]]) -> _Header:
     if sum(map(int, sizes)) * max(counts) > _LONGEST_POINT:
         msg = "a point cannot be so long"
         raise ValueError(msg)
-    rows = int(said.get("height", ["1"])[0])
-    columns = int((said.get("width") or said["points"])[0])
-    points = int(said["points"][0]) if "points" in said else rows * columns
-    if min(rows, columns, points) < 0:
-        msg = "WIDTH, HEIGHT and POINTS are 0 or more"
-        raise ValueError(msg)
+    rows = _count(said.get("height", ["1"])[0])
+    columns = _count((said.get("width") or said["points"])[0])
+    points = _count(said["points"][0]) if "points" in said else rows * columns
     return _Header(
         fields=fields,
         types=types,
@@ -177,12 +180,19 @@ def _understood(said: dict[str, list[str]]) -> _Header:
     )
 
 
+def _count(word: str) -> int:
+    """Return a count, which is written in digits alone: int() takes -1, +1 and 1_0 as well."""
+    if not word.isascii() or not word.isdigit() or len(word) > 19:
+        msg = f"expected a count, got {word[:30]!r}"
+        raise ValueError(msg)
+    return int(word)
+
+
 def _from_text(body: bytes, header: _Header, wanted: list[int], path: Path) -> NDArray[np.float64]:
     starts = np.concatenate([[0], np.cumsum(header.counts)])
     columns = [int(starts[i]) for i in wanted]
     try:
-        # Its lines may be fewer than announced; what is not there is not allocated.
-        return numbers_of_lines(body, columns, path, most=min(header.points + 1, len(body)))
+        return numbers_of_lines(body, columns, path, most=header.points + 1)
     except ValueError as error:
         found = rows_before_cut(body, columns, path, header.points)
         if found is not None:

@@ -5,6 +5,7 @@ with one vertex per pixel, or with an element ``range_grid`` that gives each pix
 General mesh readers drop these lines, hence this reader.
 """
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from exposight.cell.cloud_formats.ply_elements import (
 from exposight.errors import DamagedFileError, FormatError
 from exposight.files import recognised
 
+_DIGITS = re.compile(r"[0-9]{1,19}")
 _CODES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16"}
 _CODES |= {"i4": "int int32", "u4": "uint uint32", "f4": "float float32", "f8": "double float64"}
 _TYPES = {name: code for code, names in _CODES.items() for name in names.split()}
@@ -40,6 +42,9 @@ _COORDINATES = (
     ("position_x", "position_y", "position_z"),
 )
 """Names of a vertex' coordinates; the first that are there are taken, small letters or capitals."""
+
+_MOST_ELEMENTS, _MOST_PROPERTIES = 100, 1000
+"""Of a file, and of an element; more are no scanner's."""
 
 _SIZE_KEYS = {"num_cols": "columns", "width": "columns", "num_rows": "rows", "height": "rows"}
 
@@ -103,6 +108,7 @@ def points_from_ply(data: bytes, path: Path) -> tuple[Numbers, Numbers | None]:
     else:
         order = _BYTE_ORDERS[header.encoding]
         body = BinaryBody(data, start, order, header.elements, path)
+    body.require_all()
     names = _coordinates(vertex, path)
     has_sigma = any(each.name == SIGMA for each in vertex.properties)
     points = body.numbers(vertex, [*names, SIGMA] if has_sigma else names)
@@ -147,15 +153,21 @@ def _read_header(text: str, path: Path) -> _Header:
         try:
             match line.split():
                 case ["format", encoding, "1.0"] if encoding in _BYTE_ORDERS:
+                    if header.encoding not in {"", encoding}:
+                        raise ValueError(encoding)  # two formats
                     header.encoding = encoding
-                case ["obj_info", key, number] if key in _SIZE_KEYS and int(number) >= 0:
-                    header.told[_SIZE_KEYS[key]] = int(number)
-                case ["comment", key, number] if key in _SIZE_KEYS and number.isdecimal():
+                case ["obj_info", key, number] if key in _SIZE_KEYS:
+                    told = header.told.setdefault(_SIZE_KEYS[key], _count(number))
+                    if told != _count(number):
+                        raise ValueError(key)  # two sizes
+                case ["comment", key, number] if key in _SIZE_KEYS and _DIGITS.fullmatch(number):
                     header.remarked[_SIZE_KEYS[key]] = int(number)
                 case [] | ["comment" | "obj_info", *_]:
                     continue
-                case ["element", name, number] if int(number) >= 0:
-                    header.elements.append(Element(name=name, count=int(number)))
+                case ["element", name, number]:
+                    if header.element(name) is not None or len(header.elements) == _MOST_ELEMENTS:
+                        raise ValueError(name)  # twice, or too many
+                    header.elements.append(Element(name=name, count=_count(number)))
                 case ["property", "list", counts, item, name] if item in _TYPES:
                     code, count_code = _TYPES[item], _COUNT_TYPES[counts]
                     _add(header.elements[-1], Property(name=name, code=code, count_code=count_code))
@@ -175,7 +187,17 @@ def _read_header(text: str, path: Path) -> _Header:
     return header
 
 
+def _count(number: str) -> int:
+    """Return a count, which is written in digits alone: int() takes -1, +1, 1_0 and ١ as well."""
+    if not _DIGITS.fullmatch(number):
+        raise ValueError(number)
+    return int(number)
+
+
 def _add(element: Element, new: Property) -> None:
+    if len(element.properties) == _MOST_PROPERTIES:
+        msg = "too many properties"
+        raise ValueError(msg)
     if any(each.name == new.name for each in element.properties):
         raise ValueError(new.name)  # twice
     element.properties.append(new)

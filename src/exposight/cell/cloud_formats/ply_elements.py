@@ -11,6 +11,7 @@ from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 
 from exposight.cell.cloud_formats.number_lines import (
+    lines_of,
     numbers_of_lines,
     rows_before_cut,
     with_plain_nan,
@@ -60,6 +61,10 @@ class Element:
 class Body(Protocol):
     """What follows the header: the elements' numbers, one element after the other."""
 
+    def require_all(self) -> None:
+        """Raise `DamagedFileError` where the bytes of all elements together are not there."""
+        ...
+
     def numbers(self, element: Element, names: Sequence[str]) -> Numbers:
         """Return properties of an element, (n, len(names)); `DamagedFileError` if it is cut off."""
         ...
@@ -101,6 +106,15 @@ class BinaryBody:
         self._elements, self._path = elements, path
         self._starts = {id(elements[0]): start}
 
+    def require_all(self) -> None:
+        """Raise `DamagedFileError` where the bytes of all elements together are not there."""
+        for element in self._elements:
+            start = self._start(element)
+            if element.has_lists:
+                self._walk(element, start, keep=False)
+            else:
+                self._require(element, start, sum(int(p.code[1]) for p in element.properties))
+
     def numbers(self, element: Element, names: Sequence[str]) -> Numbers:
         """Return properties of an element, one row each."""
         start = self._start(element)
@@ -108,9 +122,6 @@ class BinaryBody:
             offsets, _ = self._walk(element, start, keep=True)
             return np.stack([self._at(offsets, element, name) for name in names], axis=-1)
         dtype = np.dtype([(each.name, self._order + each.code) for each in element.properties])
-        there = max(self._data.size - start, 0) // dtype.itemsize
-        if there < element.count:
-            raise cut_off(self._path, element, there)
         rows = np.frombuffer(self._data[start:].data, dtype, count=element.count)
         # Without a copy where x, y and z lie side by side, as they nearly always do.
         return structured_to_unstructured(rows[list(names)])
@@ -150,14 +161,18 @@ class BinaryBody:
             self._starts[id(element)] = end
         return self._starts[id(element)]
 
+    def _require(self, element: Element, start: int, row_bytes: int) -> None:
+        """Raise where an element's rows, of so many bytes or more, are not there."""
+        there = max(self._data.size - start, 0) // row_bytes
+        if there < element.count:
+            raise cut_off(self._path, element, there)
+
     def _walk(self, element: Element, start: int, *, keep: bool) -> tuple[NDArray[np.int64], int]:
         """Return where each property of each row begins, if they are kept, and where all end."""
         counts = [int(p.count_code[1]) if p.count_code else 0 for p in element.properties]
         sizes = [int(p.code[1]) for p in element.properties]
         least = sum(count or size for count, size in zip(counts, sizes, strict=True))
-        there = max(self._data.size - start, 0) // least
-        if there < element.count:
-            raise cut_off(self._path, element, there)
+        self._require(element, start, least)
         offsets = np.zeros((max(element.count if keep else 1, 1), len(sizes)), dtype=np.int64)
         found, end = _walk_bytes(
             self._data,
@@ -215,6 +230,14 @@ class TextBody:
     def __init__(self, text: bytes, elements: Sequence[Element], path: Path) -> None:
         self._text, self._elements, self._path = text, elements, path
 
+    def require_all(self) -> None:
+        """Raise `DamagedFileError` where there are fewer lines than rows."""
+        left = lines_of(self._text)
+        for element in self._elements:
+            if element.count > left:
+                raise cut_off(self._path, element, left)
+            left -= element.count
+
     def numbers(self, element: Element, names: Sequence[str]) -> Numbers:
         """Return properties of an element, one row each."""
         if element.count == 0:
@@ -223,10 +246,9 @@ class TextBody:
         if any(each.count_code for each in element.properties[: max(wanted)]):
             tokens, offsets = self._walk(element)
             return tokens[offsets[:, wanted]]
-        # Its rows may be fewer than announced; what is not there is not allocated.
         lines = self._lines(element)
         try:
-            read = numbers_of_lines(lines, wanted, self._path, most=min(element.count, len(lines)))
+            read = numbers_of_lines(lines, wanted, self._path, most=element.count)
         except ValueError as error:
             found = rows_before_cut(lines, wanted, self._path, element.count)
             if found is not None:
@@ -300,7 +322,7 @@ def _walk_tokens(
             offsets[row, column] = at
             if is_list[column]:
                 n = tokens[at]
-                if not 0 <= n <= len(tokens):
+                if not 0 <= n <= len(tokens) or n != np.floor(n):
                     return row
                 at += int(n)
             at += 1
