@@ -21,7 +21,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick fuzz check audit docs bench requirements clean
+.PHONY: help demo test quick fuzz crash check audit docs bench requirements clean
 
 help:  ## List the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
@@ -49,6 +49,9 @@ quick: $(DEVELOP)  ## Run the tests but for the slow ones
 
 fuzz: $(DEVELOP)  ## Read 5000 mutants of each format
 	$(RUN) -m tests.fuzz.mutants
+
+crash: $(DEVELOP)  ## Kill every command at every touch of the disk, and fill the disk there
+	$(RUN) -m tests.crash.crash_points
 
 check: $(DEVELOP)  ## Lint, check types strictly, check the import contract
 	$(RUN) -m ruff format --check .

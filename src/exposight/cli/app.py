@@ -1,8 +1,8 @@
 """The ``exposight`` program: its commands, and what becomes of their results and errors.
 
 A failure that exposight foresees ends in one line on standard error and exit status 1, a wrong call
-in status 2, Ctrl-C in 130, SIGTERM in 143, a fault of exposight itself in 70 with its traceback in a
-file; with ``--json``, each in one JSON object on standard output.
+in status 2, Ctrl-C in 130, SIGTERM in 143, a fault of exposight itself in 70 with its traceback in
+a file; with ``--json``, each in one JSON object on standard output.
 """
 
 import errno

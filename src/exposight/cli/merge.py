@@ -1,8 +1,6 @@
 """``exposight merge``: captures of a view at several exposure times merged into one."""
 
-import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +11,7 @@ from exposight.cell import CampaignWriter, Capture
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FileError, InputError, did_you_mean
+from exposight.files import durable_folder, make_folder
 from exposight.imaging import merge_captures, merge_record
 from exposight.models import WindowModel
 from exposight.observing import Campaign, Observation, ObservationTable, Observer, open_campaign
@@ -75,11 +74,12 @@ def merge_command(
     rows: list[dict[str, object]] = []
     single, merged = [], []
     promised: list[pl.DataFrame] = []
+    make_folder(output.parent)
     with (
-        _removed_if_unfinished(output),
+        durable_folder(output) as folder,
         progress_bars() as progress,
         CampaignWriter.open_or_create(
-            output, name=f"{recorded.name}, merged", sensor=recorded.sensor, part=recorded.part
+            folder, name=f"{recorded.name}, merged", sensor=recorded.sensor, part=recorded.part
         ) as writer,
     ):
         for done, (name, numbers) in enumerate(views.items()):
@@ -133,16 +133,6 @@ class _Stored(Sequence[Capture]):
 
     def __getitem__(self, place: Any) -> Any:
         return self._campaign.capture(self._numbers[place])
-
-
-@contextmanager
-def _removed_if_unfinished(folder: Path) -> Iterator[None]:
-    """Remove a folder that was not there before, unless all ends well."""
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 def _captures_of_views(

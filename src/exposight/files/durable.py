@@ -81,7 +81,7 @@ def durable_folder(path: Path) -> Iterator[Path]:
     ------
     Path
         A temporary folder to write files into. It is renamed to `path` when the block ends, and
-        removed if the block raises.
+        removed if the block raises. It may have folders in it.
 
     Raises
     ------
@@ -90,11 +90,11 @@ def durable_folder(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     try:
+        _sweep_dead(path.parent)
         with _unfinished(path.parent, Path.mkdir) as unfinished:
             yield unfinished
-            for file in sorted(unfinished.iterdir()):
-                _sync(file)
-            _sync_folder(unfinished)
+            for entry in (*sorted(unfinished.rglob("*")), unfinished):
+                (_sync_folder if entry.is_dir() else _sync)(entry)
             if path.exists():  # rename would silently replace an empty folder
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
             unfinished.rename(path)
@@ -122,10 +122,10 @@ def sweep_unfinished(folder: Path) -> None:
 
 def _sweep_dead(folder: Path) -> None:
     """Remove what killed writers left in a folder, where others may be writing."""
-    entries: list[Path] = []
+    names: list[str] = []
     with suppress(OSError):  # writing in it will tell
-        entries += filter(is_unfinished, folder.iterdir())
-    for entry in entries:
+        names += filter(_UNFINISHED.fullmatch, os.listdir(folder))  # noqa: PTH208
+    for entry in map(folder.joinpath, names):
         with suppress(OSError), _locked(entry) as locked:  # held by its writer, or another's
             certain = locked and entry.name.startswith(f".{_HERE}-")
             if certain or time.time() - entry.lstat().st_mtime > _DAY_S:
