@@ -60,7 +60,9 @@ def test_a_model_keeps_where_it_comes_from(trained, wide_sensor):
 def test_progress_is_told_after_each_start(trained):
     steps = []
     trained(model_named("e_k1"), restarts=2, progress=lambda *step: steps.append(step))
-    assert steps == [("training e_k1", done, 2) for done in range(3)]
+    starts = [step for step in steps if step[0] == "training e_k1"]
+    assert starts == [("training e_k1", done, 2) for done in range(3)]
+    assert len(steps) > len(starts), "evaluations within a start are told, too"
 
 
 def test_rows_that_were_not_measured_are_left_out(trained, table):
@@ -254,3 +256,22 @@ def test_a_notebook_shows_hyperparameters_and_no_tags_from_names(trained):
     assert "<b>" not in shown
     for each in model.hyperparameters():
         assert each.name in shown
+
+
+def test_rows_beyond_the_training_data_say_which_inputs_are(trained):
+    model = trained(model_named("e_k2"))
+    ranges = model.training_range
+    middle = {name: 0.5 * (low + high) for name, (low, high) in ranges.items()}
+    first, second = model.inputs
+    rows = pl.DataFrame(
+        [
+            middle,
+            {**middle, second: ranges[second][1] + 1.0},
+            {first: ranges[first][0] - 1.0, second: ranges[second][1] + 1.0},
+        ]
+    )
+    assert model.unknown(rows) == (
+        "",
+        f"{second} outside the training data",
+        f"{first}, {second} outside the training data",
+    )

@@ -23,6 +23,8 @@ from exposight.geometry import RigidTransform
 from exposight.models import (
     WindowModel,
     load_model,
+    log_radiance,
+    ring_training,
     save_model,
     train_response,
     train_window,
@@ -539,3 +541,31 @@ def test_a_sphere_is_no_flat_ring_and_its_forecast_is_not_relied_on(
         ObservationTable(frame=table.frame.with_columns(kind=kind)), sensor=SENSOR
     )
     assert "f1" not in trained.features
+
+
+def test_of_many_rings_some_of_each_feature_and_view_are_learnt_from(monkeypatch, unseen) -> None:
+    monkeypatch.setattr(ring_training, "MOST_RINGS", 60)
+    monkeypatch.setattr(log_radiance, "SEARCHED_RINGS", 40)
+    seen: list[tuple[str, int, int]] = []
+    few = train_window(observed(), sensor=SENSOR, progress=lambda *step: seen.append(step))
+    assert len(few.radiance.learnt.process.y) == 60
+    assert few.features == tuple(f"f{i}" for i in range(8))
+    assert set(few.radiance.learnt.views) == {f"v{i}" for i in range(12)}
+    assert few.limits == pytest.approx((LOW, HIGH - BLACK), rel=0.1)
+    assert rmse(few, unseen) < 0.06
+    assert [done for _, done, _ in seen] == list(range(1, len(seen) + 1))
+
+
+def test_rings_are_thinned_alike_each_time_measured_ones_first() -> None:
+    data = ring_data(observed())
+    one, other = data.thinned(50), data.thinned(50)
+    assert one.rings.keys == other.rings.keys
+    assert (one.limit == 0).all()
+    assert data.thinned(len(data)) is data
+
+
+def test_progress_of_predictions_counts_rings(model) -> None:
+    seen: list[tuple[str, int, int]] = []
+    frame = rings_of(observed())
+    model.predict(frame, progress=lambda *step: seen.append(step))
+    assert seen[-1] == ("predicting", frame.height, frame.height)

@@ -247,3 +247,12 @@ def test_a_campaign_without_captures_gives_an_empty_table(campaign_of):
     table = observe_campaign(campaign_of())
     assert len(table) == 0
     assert table.frame.schema == SCHEMA
+
+
+def test_rows_become_columns_in_batches_without_a_difference(
+    sensor, facing, make_capture, campaign_of, monkeypatch
+):
+    captures = [make_capture(sensor, facing, exposure_ms=float(ms)) for ms in (10, 20, 30, 40, 50)]
+    whole = observe_campaign(campaign_of(*captures)).frame
+    monkeypatch.setattr("exposight.observing.observe._ROWS_AT_ONCE", 2)
+    assert observe_campaign(campaign_of(*captures)).frame.equals(whole)

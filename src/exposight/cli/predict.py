@@ -10,15 +10,20 @@ from cyclopts import Parameter
 
 from exposight.cli.app import UsageError
 from exposight.cli.result import Fact, Result, Written, fact
+from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError, InputError, did_you_mean
 from exposight.files import write_durably
 from exposight.models import I_AVG_MIN, Prediction, Predictor, load_model, unit_remarks
 from exposight.observing import SCHEMA, read_inputs
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, count, counted, number
+from exposight.workers import Progress, ignore_progress
 
 _SHOWN_ROWS = 20
 _POSE = ("x_mm", "y_mm", "z_mm", "w_deg", "p_deg", "radius_mm")
+_FEW_ROWS = 1000
+"""So many are predicted at once; progress of more is shown."""
+
 _MOST_INPUTS = 5
 """So many inputs are shown of rows without names; of more, none of turn and radius."""
 
@@ -74,7 +79,9 @@ def predict_command(
         if observations is None
         else read_inputs(observations, model.inputs, model.optional_inputs)
     )
-    frame, prediction = _predicted(model, table)
+    with progress_bars() as progress:
+        few = table.height <= _FEW_ROWS
+        frame, prediction = _predicted(model, table, ignore_progress if few else progress)
     if output is not None:
         buffer = io.BytesIO()
         frame.write_csv(buffer)
@@ -135,7 +142,9 @@ def _one_row(model: Predictor, inputs: dict[str, float | str]) -> pl.DataFrame:
     )
 
 
-def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Prediction]:
+def _predicted(
+    model: Predictor, table: pl.DataFrame, progress: Progress
+) -> tuple[pl.DataFrame, Prediction]:
     """Return what was asked and what is predicted, a row each, where all inputs are given."""
     names = model.inputs
     if table.height == 0:
@@ -147,7 +156,7 @@ def _predicted(model: Predictor, table: pl.DataFrame) -> tuple[pl.DataFrame, Pre
     if table.height == 0:
         msg = f"no row has all inputs of {model.name}: {', '.join(names)}"
         raise InputError(msg)
-    prediction = model.predict(table)
+    prediction = model.predict(table, progress=progress)
     target = model.target
     least = quantity(target).low
     reasons = model.unknown(table)

@@ -23,6 +23,7 @@ from exposight.observing import ObservationTable
 from exposight.quantities import quantity
 from exposight.statistics import inside_box
 from exposight.tables import counted
+from exposight.workers import Progress, ignore_progress
 
 _NOISE = "noise_variance"
 
@@ -100,9 +101,13 @@ class GaussianProcessModel(predictor.Predictor):
 
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame whose columns are `inputs`, in their order."""
+        return self.predict_in_steps(frame, ignore_progress)
+
+    def predict_in_steps(self, frame: pl.DataFrame, progress: Progress) -> Prediction:
+        """As `predict_frame`; tells the rows that are done."""
         x = predictor.input_array(self.name, frame)
         inside = inside_box(self.process.x, x)
-        of_process = self.process.predict(x, include_noise=True)
+        of_process = self.process.predict(x, include_noise=True, progress=progress)
         mean, std = of_process.mean, of_process.std
         if self.target_scale == "linear":
             return Prediction(mean=mean, std=std, inside=inside)
@@ -117,6 +122,13 @@ class GaussianProcessModel(predictor.Predictor):
                 low=np.exp(mean - 2.0 * std),
                 high=np.exp(mean + 2.0 * std),
             )
+
+    def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
+        """Say for each row why its prediction should not be relied on; empty where it may be."""
+        frame = self._inputs(data, {})
+        return self._beyond(
+            frame, inside_box(self.process.x, predictor.input_array(self.name, frame))
+        )
 
     @property
     def _targets(self) -> NDArray[np.float64]:

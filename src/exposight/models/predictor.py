@@ -26,6 +26,7 @@ from exposight.models.prediction import Prediction
 from exposight.observing import SCHEMA, ObservationTable
 from exposight.quantities import quantity
 from exposight.tables import Column, Table
+from exposight.workers import Progress, ignore_progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +144,12 @@ class Predictor(ABC):
         return quantity(self.target).unit
 
     def predict(
-        self, data: ObservationTable | pl.DataFrame | None = None, /, **columns: ArrayLike
+        self,
+        data: ObservationTable | pl.DataFrame | None = None,
+        /,
+        *,
+        progress: Progress = ignore_progress,
+        **columns: ArrayLike,
     ) -> Prediction:
         """Predict by column name.
 
@@ -151,6 +157,8 @@ class Predictor(ABC):
         ----------
         data : ObservationTable or polars.DataFrame, optional
             Has a column for each of `inputs`, in any order; further ones are ignored.
+        progress : Progress
+            Receives the rows that are done, where a kind tells them (`predict_in_steps`).
         **columns : array_like
             Instead of `data`, values or (n,) arrays by name: ``predict(i_avg=80, z_mm=0)``. Single
             values hold for all rows. Columns of observation tables that the model does not read
@@ -163,19 +171,27 @@ class Predictor(ABC):
         ObservationError
             If an input is missing, has no value in some row, or has one that cannot be.
         """
-        return self.predict_frame(self._inputs(data, columns))
+        return self.predict_in_steps(self._inputs(data, columns), progress)
 
     def unknown(self, data: ObservationTable | pl.DataFrame) -> tuple[str, ...]:
         """Say for each row why its prediction should not be relied on; empty where it may be."""
         frame = self._inputs(data, {})
-        inside, ranges = self.predict_frame(frame).inside, self.training_range
+        return self._beyond(frame, self.predict_frame(frame).inside)
+
+    def _beyond(self, frame: pl.DataFrame, inside: NDArray[np.bool_]) -> tuple[str, ...]:
+        """Say of each row that is not inside which inputs lie beyond the training range."""
+        rows = np.flatnonzero(~inside)
+        ranges = self.training_range
+        beyond = np.zeros((len(rows), len(ranges)), dtype=np.bool_)
+        for column, (name, (low, high)) in enumerate(ranges.items()):
+            values = frame[name].to_numpy()[rows]
+            beyond[:, column] = ~((low <= values) & (values <= high))
         reasons = [""] * frame.height
-        for row in np.flatnonzero(~inside).tolist():
-            values = frame.row(row, named=True)
-            beyond = [
-                name for name, (low, high) in ranges.items() if not low <= values[name] <= high
-            ]
-            reasons[row] = f"{', '.join(beyond)} outside the training data".lstrip()
+        kinds, kind = np.unique(beyond, axis=0, return_inverse=True)
+        names = np.array(list(ranges), dtype=object)
+        texts = [f"{', '.join(names[each])} outside the training data".lstrip() for each in kinds]
+        for row, place in zip(rows.tolist(), kind.ravel().tolist(), strict=True):
+            reasons[row] = texts[place]
         return tuple(reasons)
 
     def _inputs(
@@ -211,6 +227,11 @@ class Predictor(ABC):
 
         After them come those of `optional_inputs` that there are.
         """
+
+    def predict_in_steps(self, frame: pl.DataFrame, progress: Progress) -> Prediction:
+        """As `predict_frame`; a kind that takes its time over many rows tells progress."""
+        del progress
+        return self.predict_frame(frame)
 
     def rows(self, table: ObservationTable) -> ObservationTable:
         """Return the rows of a table that the model learns from and is evaluated on."""

@@ -34,6 +34,7 @@ from exposight.models.ring_light import POSE_COLUMNS, TURN_COLUMNS, Rings, check
 from exposight.models.specification import P_NORM_MIN
 from exposight.observing import ObservationTable
 from exposight.tables import counted
+from exposight.workers import Progress, ignore_progress
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -93,6 +94,10 @@ class RadianceModel(Predictor):
 
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame with `inputs` and perhaps `optional_inputs`."""
+        return self.predict_in_steps(frame, ignore_progress)
+
+    def predict_in_steps(self, frame: pl.DataFrame, progress: Progress) -> Prediction:
+        """As `predict_frame`; tells the rings that are done."""
         grey = input_array(self.name, frame.select(self.brightness))[:, 0]
         if not (grey > self.black_level).all():
             row = int(np.argmin(grey))
@@ -102,7 +107,7 @@ class RadianceModel(Predictor):
             )
             raise ObservationError(msg)
         rings, ring = self.rings(frame)
-        mean, std, distance = self.radiance(rings)
+        mean, std, distance = self.radiance(rings, progress)
         logs = np.log(grey - self.black_level) - mean[ring]
         spread = std[ring]
         median = np.exp(logs)
@@ -127,7 +132,9 @@ class RadianceModel(Predictor):
             for place, clips in zip(ring, clipped.tolist(), strict=True)
         )
 
-    def radiance(self, rings: Rings) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def radiance(
+        self, rings: Rings, progress: Progress = ignore_progress
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return mean and standard deviation of ln radiance, and distance, of rings, (n,) each."""
         parts = []
         for start in range(0, len(rings), CHUNK):
@@ -135,6 +142,7 @@ class RadianceModel(Predictor):
             prediction = self.learnt.predict(rings.take(some))
             std = np.sqrt(np.diagonal(prediction.covariance))
             parts.append(np.stack([prediction.mean, std, prediction.distance]))
+            progress("predicting", some.stop, len(rings))
         mean, std, distance = np.concatenate(parts, axis=1)
         return mean, std, distance
 

@@ -29,6 +29,7 @@ from exposight.models.specification import P_NORM_MIN
 from exposight.models.trial import with_trial
 from exposight.models.window import Window
 from exposight.observing import ObservationTable
+from exposight.workers import Progress, ignore_progress
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -70,6 +71,10 @@ class WindowModel(Predictor):
 
     def predict_frame(self, frame: pl.DataFrame) -> Prediction:
         """Predict for a frame with `inputs` and perhaps `optional_inputs`."""
+        return self.predict_in_steps(frame, ignore_progress)
+
+    def predict_in_steps(self, frame: pl.DataFrame, progress: Progress) -> Prediction:
+        """As `predict_frame`; tells the rings that are done."""
         mean, low, high, known = self._by_row(
             frame,
             lambda forecast: (
@@ -78,6 +83,7 @@ class WindowModel(Predictor):
                 forecast.high,
                 np.broadcast_to(forecast.knows[:, None], forecast.p_norm.shape),
             ),
+            progress,
         )
         return WindowPrediction(
             mean=mean,
@@ -111,7 +117,9 @@ class WindowModel(Predictor):
             reasons += self._forecast(some, np.ones(1), P_NORM_MIN, frame).unknown
         return tuple(reasons[place] for place in ring)
 
-    def _by_row(self, frame: pl.DataFrame, read: Any) -> list[FloatArray]:
+    def _by_row(
+        self, frame: pl.DataFrame, read: Any, progress: Progress = ignore_progress
+    ) -> list[FloatArray]:
         rings, ring = self.radiance.rings(frame)
         exposure_ms = input_array(self.name, frame.select("exposure_ms"))[:, 0]
         if not (exposure_ms > 0.0).all():
@@ -129,6 +137,7 @@ class WindowModel(Predictor):
                 if start == 0:
                     out.append(np.empty(len(exposure_ms)))
                 out[i][rows] = values[ring[rows] - start, place]
+            progress("predicting", some.stop, len(rings))
         return out
 
     def forecast(

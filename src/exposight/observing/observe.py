@@ -176,6 +176,10 @@ class Observer:
         return pose_with_holes(self._part, self._sensor, pose, self._tolerance, observed)
 
 
+_ROWS_AT_ONCE = 2000
+"""Rows that are Python objects, of 2 kB each, at the same time; the others are columns."""
+
+
 def observe_campaign(
     campaign: cell.CaptureSource,
     tolerance: cell.RingTolerance = cell.PAPER_TOLERANCE,
@@ -213,6 +217,7 @@ def observe_campaign(
         image, a pose that is the inverse one, a cloud thinner than the image …
     """
     rows: list[Observation] = []
+    tables: list[ObservationTable] = []
     observer = Observer(campaign.part, campaign.sensor, tolerance, despite=despite)
     some: cell.Capture | None = None
     for done, capture in enumerate(campaign.captures(), start=1):
@@ -220,16 +225,19 @@ def observe_campaign(
         if some is None and cloud.n_valid:
             some = capture
         rows.extend(observer.observe(capture))
+        if len(rows) >= _ROWS_AT_ONCE:
+            tables.append(ObservationTable.from_observations(rows))
+            rows = []
         progress("observing", done, len(campaign))
-    if rows and some is None:
+    table = ObservationTable.concat([*tables, ObservationTable.from_observations(rows)])
+    if len(table) and some is None:
         msg = (
             f"campaign '{campaign.name}': none of its {len(campaign)} clouds has a valid point "
             "(NaN and all-zero points are missing ones); expected clouds in mm in the camera's "
             "frame, check how they were exported"
         )
         raise CloudError(msg)
-    logger.info("observed %d captures, %d rows", len(campaign), len(rows))
-    table = ObservationTable.from_observations(rows)
+    logger.info("observed %d captures, %d rows", len(campaign), len(table))
     found = () if some is None else _measured_somewhere(table, some, campaign, tolerance)
     settled = settle((*observer.contradictions, *found), despite)
     return replace(table, contradictions=settled)
