@@ -1,7 +1,9 @@
 """The observation table: what comes back from disk, and what is refused."""
 
 import hashlib
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -25,6 +27,7 @@ from exposight.observing import (
     read_inputs,
     read_observations,
 )
+from exposight.observing.schema import RANGES
 
 QUANTILES = [
     f"{stem}_p{percent}"
@@ -107,25 +110,27 @@ def written(tmp_path):
 
 # -- round trips --------------------------------------------------------------------------------
 
-names = st.text(st.characters(exclude_categories=["C"]), min_size=1).filter(str.strip)
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+characters = st.characters(exclude_categories=["C"]) | st.sampled_from("=+-@'")
+names = st.text(characters, min_size=1).filter(str.strip)
+places = st.floats(-1e6, 1e6)
+angles = st.floats(-360, 360)
 grey_levels = st.floats(0, 255)
 measured_rows = st.builds(
     Observation,
     feature=names,
     view=names,
-    exposure_ms=st.floats(0, exclude_min=True, allow_infinity=False),
+    exposure_ms=st.floats(1e-9, 3.6e6),
     p_norm=st.floats(0, 1.1),  # more would contradict the pixels
     i_avg=grey_levels,
-    x_mm=numbers,
-    y_mm=numbers,
-    z_mm=numbers,
-    w_deg=numbers,
-    p_deg=numbers,
-    r_deg=numbers,
-    radius_mm=st.floats(0, allow_infinity=False),
-    n_points=st.integers(0, 2**62),
-    n_pixels=st.integers(1, 2**62),
+    x_mm=places,
+    y_mm=places,
+    z_mm=places,
+    w_deg=angles,
+    p_deg=angles,
+    r_deg=angles,
+    radius_mm=st.floats(0, 1e6),
+    n_points=st.integers(0, 2**53),
+    n_pixels=st.integers(1, 2**53),
     i_std=grey_levels,
     i_median=grey_levels,
     i_p05=grey_levels,
@@ -139,9 +144,14 @@ measured_rows = st.builds(
     low_modulation_share=st.none() | st.floats(0, 1),
     brightness_source=st.none() | st.sampled_from(["stripe", "stripes-mean", "texture", "dots"]),
     **dict.fromkeys(["sensor", "part", "finish", "tcp"], st.none() | names),
-    **dict.fromkeys(["part_w_deg", "part_p_deg", "part_r_deg"], st.none() | numbers),
+    **dict.fromkeys(["part_w_deg", "part_p_deg", "part_r_deg"], st.none() | angles),
 )
-rows = st.lists(measured_rows | st.just(UNMEASURED), min_size=1, max_size=5)
+rows = st.lists(
+    measured_rows | st.just(UNMEASURED),
+    min_size=1,
+    max_size=5,
+    unique_by=lambda row: (row.feature, row.view, row.exposure_ms),
+)
 
 
 @suffixes
@@ -151,6 +161,66 @@ def test_every_value_comes_back_exactly(tmp_path_factory, suffix, rows):
     path = tmp_path_factory.mktemp("table") / f"observations{suffix}"
     table_of(*rows).write(path)
     assert rows_of(read_observations(path)) == rows
+
+
+@pytest.mark.parametrize("name", ["=1+1", "@SUM(A1)", "+cmd", "-x", "'=y", "''-z"])
+def test_no_name_is_a_formula_in_a_spreadsheet(tmp_path, name):
+    path = tmp_path / "table.csv"
+    table_of(replace(MEASURED, feature=name, extra={f"{name} mm": "=2"})).write(path)
+    header, row = path.read_text().splitlines()
+    assert header.endswith(f",'{name} mm")
+    assert row.startswith(f"'{name},")
+    assert row.endswith(",'=2")
+    back = read_observations(path).frame
+    assert (back["feature"][0], back[f"{name} mm"][0]) == (name, "=2")
+
+
+def test_the_documented_ranges_are_those_that_are_checked():
+    text = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+    section = text.partition("\n## Observation table\n")[2].partition("\n## ")[0]
+    told = {}
+    for line in re.findall(r"^\| `.*", section, re.MULTILINE):
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        listed = re.findall(r"`(\w+)`", cells[0])
+        if "…" in cells[0]:
+            stem = listed[0].removesuffix("p05")
+            listed = [f"{stem}p{percent}" for percent in ("05", "25", "50", "75", "95")]
+        told |= dict.fromkeys(listed, cells[1])
+    assert told.keys() == SCHEMA.keys()
+    assert {name: told[name] for name in RANGES} == {n: r.documented for n, r in RANGES.items()}
+    assert RANGES.keys() == {name for name, dtype in SCHEMA.items() if dtype.is_numeric()}
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        *((name, limits.low - 1) for name, limits in RANGES.items()),
+        *((name, 1.5 * limits.high) for name, limits in RANGES.items() if limits.high < 1e8),
+    ],
+)
+def test_a_value_beyond_its_range_is_refused(written, column, value):
+    with pytest.raises(ObservationError, match=f"'{column}' needs "):
+        read_observations(written(**{column: [value, value]}))
+
+
+def test_one_feature_twice_in_a_capture_with_other_values_is_refused(written):
+    with pytest.raises(ObservationError, match=r"'f1' is there more than once in view 'v1' at 10"):
+        read_observations(written(feature=["f1", "f1"]))
+
+
+def test_a_further_column_tells_repeated_measurements_apart(written):
+    path = written(feature=["f1", "f1"], attempt=[1, 2])
+    assert len(read_observations(path)) == 2
+
+
+@pytest.mark.parametrize("column", ["feature", "view", "sensor", "part", "finish", "tcp"])
+@pytest.mark.parametrize("character", ["\x1b", "\x00", "\x9b", "\u202e"])
+def test_control_characters_in_names_are_refused(written, column, character):
+    with pytest.raises((FormatError, ObservationError)) as refused:
+        read_observations(written(**{column: [f"a{character}[31m", "b"]}))
+    assert character not in str(refused.value)
+    with pytest.raises(ObservationError, match="without control characters"):
+        table_of(replace(MEASURED, **{column: f"a{character}"}))
 
 
 def test_the_bytes_of_a_csv_file_are_a_table(tmp_path):
@@ -415,12 +485,12 @@ def test_quality_without_brightness(written):
 
 @pytest.mark.parametrize("value", [0.0, -5.0])
 def test_an_exposure_time_that_is_not_positive(written, value):
-    with pytest.raises(ObservationError, match="'exposure_ms' needs values above 0; row 2"):
+    with pytest.raises(ObservationError, match=r"'exposure_ms' needs .* above 0, .*; row 2"):
         read_observations(written(exposure_ms=[10.0, value]))
 
 
 def test_a_negative_radius(written):
-    with pytest.raises(ObservationError, match="'radius_mm' needs values of at least 0; row 1"):
+    with pytest.raises(ObservationError, match=r"'radius_mm' needs .* at least 0 .*; row 1"):
         read_observations(written(radius_mm=[-3.0, 5.0]))
 
 

@@ -12,7 +12,7 @@ from exposight.cli.exposure_options import ExposureOptions
 from exposight.cli.forecast import ViewOptions, read_trial
 from exposight.cli.picture_files import check_picture, write_picture
 from exposight.cli.result import Fact, Result, Written, fact
-from exposight.files import write_durably
+from exposight.files import csv_of, write_durably
 from exposight.models import WindowModel
 from exposight.planning import CONFIDENCE, Prefer, Recommendation, SensorModels, check_confidence
 from exposight.planning.outlook_table import who_fails
@@ -111,7 +111,7 @@ def recommend_command(
         trial=observed,
     )
     if csv is not None:
-        write_durably(csv, recommendation.frame.write_csv().encode())
+        write_durably(csv, csv_of(recommendation.frame))
     if picture is not None:
         from exposight.report import recommendation_picture  # takes seconds to import
 

@@ -24,7 +24,7 @@ from exposight.cell import (
 )
 from exposight.contradictions import Contradiction
 from exposight.errors import ContradictionError, ExposightError, InputError, SensorError
-from exposight.files import write_durably
+from exposight.files import csv_of, write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.decisions import (
     HAD,
@@ -346,7 +346,7 @@ class _LoopRun:
             aside = self._keep_aside(folder / CONTRADICTED_FOLDER, capture)
             msg = f"{error}; the capture is kept in {aside}, and the loop goes on when run again"
             raise error.named(msg) from error
-        data = table.frame.write_csv().encode()
+        data = csv_of(table.frame)
         # Fed as it is kept, so that a loop that goes on is fed the same.
         rows = parse_observations(data, f"view {view!r} at {capture.exposure_ms:g} ms")
         number = 1 + max(writer.keys, default=-1)

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from exposight.cell import Part
-from exposight.files import DocumentFormat, write_durably
+from exposight.files import DocumentFormat, csv_of, write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.view_work import same_exposure
 from exposight.observing import ObservationTable
@@ -247,7 +247,7 @@ def write_outcomes(
 ) -> None:
     """Write what became of each feature, as a table and as a document, durably."""
     frame = outcomes_frame(outcomes, plan)
-    write_durably(folder / OUTCOMES_FILE, frame.write_csv().encode())
+    write_durably(folder / OUTCOMES_FILE, csv_of(frame))
     result = _Result(
         captures=captures,
         features=len(outcomes),

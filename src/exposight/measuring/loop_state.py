@@ -21,6 +21,7 @@ from exposight.errors import FileError, InputError, SensorError, did_you_mean
 from exposight.files import (
     Checksum,
     DocumentFormat,
+    csv_of,
     hold_writer_lock,
     read_bytes,
     sha256_of,
@@ -319,7 +320,7 @@ class LoopStep:
         capture = FedCapture(
             view=view,
             exposure_ms=exposure_ms,
-            observations=table.frame.write_csv(),
+            observations=csv_of(table.frame).decode(),
             remark="; ".join(filter(None, remarks)),
             sha256=sha256,
         )

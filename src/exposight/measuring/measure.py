@@ -19,7 +19,14 @@ import polars as pl
 from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, CaptureKey, Driver, Part
 from exposight.contradictions import Contradiction
 from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
-from exposight.files import KeptFiles, alike, hold_writer_lock, sweep_unfinished, write_durably
+from exposight.files import (
+    KeptFiles,
+    alike,
+    csv_of,
+    hold_writer_lock,
+    sweep_unfinished,
+    write_durably,
+)
 from exposight.measuring import view_work
 from exposight.measuring.adaptive import LoopResult, measure_adaptively
 from exposight.measuring.record import describe, keep_record
@@ -241,7 +248,7 @@ def measure_observations(
         files = {name: file for file, name in paths.items()}
         table = job.observe(
             {name: read_observations(path) for name, path in found.items()},
-            lambda name, rows: kept.keep(files[name], rows.frame.write_csv().encode()),
+            lambda name, rows: kept.keep(files[name], csv_of(rows.frame)),
         )
         table.write(table_path)
         for path in folder.glob(_VIEWS):  # they are in the table

@@ -19,7 +19,7 @@ from exposight.cell import (
 )
 from exposight.contradictions import Contradiction
 from exposight.errors import ExposightError, InputError, SensorError
-from exposight.files import write_durably
+from exposight.files import csv_of, write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.record import check_record, describe, differing
 from exposight.observing import ObservationTable, Observer
@@ -91,7 +91,7 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> tuple[Contra
             capture = _capture(task, exposure_ms)
             if not task.clouds:
                 table = ObservationTable.from_observations(observer.observe(capture))
-                rows = table.frame.write_csv().encode()
+                rows = csv_of(table.frame)
                 capture = replace(
                     capture,
                     cloud=None,
@@ -130,6 +130,7 @@ def write_table(campaign: CampaignFolder) -> None:
     tables = [header + b"\n" + b"".join(bodies) for header, bodies in rows.items()]
     if len(tables) > 1:  # an earlier version, which knew fewer columns, began it
         frames = [pl.read_csv(table, infer_schema=False) for table in tables]
+        # Their texts are as they were written, apostrophes and all.
         tables = [pl.concat(frames, how="diagonal").write_csv().encode()]
     write_durably(campaign.path / OBSERVATIONS_FILE, tables[0] if tables else b"\n")
 

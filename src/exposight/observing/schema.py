@@ -11,9 +11,9 @@ import polars as pl
 
 from exposight.cell import BrightnessSource
 from exposight.errors import ExposightError, FormatError, ObservationError
-from exposight.files import likely_column, unit_hint
+from exposight.files import check_plain, likely_column, spelled, unit_hint
+from exposight.files.words import has_control_characters
 from exposight.observing.masks import Visibility
-from exposight.quantities import QUANTITIES
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -160,8 +160,60 @@ REQUIRED = tuple(SCHEMA)[: tuple(SCHEMA).index("radius_mm") + 1]
 _MAY_BE_EMPTY = ("p_norm", "i_avg")
 """Required columns without a value where a feature was not measured."""
 
-_P_NORM_MAX = 10.0
-"""A cloud denser than the image gives more than 1, but ten points a pixel are percent mistaken."""
+
+@dataclass(frozen=True)
+class Range:
+    """Which numbers a column may hold, and how documentation and messages say it.
+
+    Parameters
+    ----------
+    documented : str
+        In the table of docs/formats.md.
+    low, high : float
+        Least and greatest value.
+    needs : str
+        In messages.
+    advice : str
+        What to do about a value beyond.
+    """
+
+    documented: str
+    low: float
+    high: float
+    needs: str
+    advice: str = ""
+
+
+_GREY = Range("number, 0–255", 0.0, 255.0, "grey levels 0–255")
+_SHARE = Range("number, 0–1", 0.0, 1.0, "a share, 0–1, of the ring's pixels")
+_PLACE = Range("number, −10⁶ to 10⁶", -1e6, 1e6, "mm within a kilometre of 0")
+_ANGLE = Range("number, −360 to 360", -360.0, 360.0, "degrees from −360 to 360")
+_SIZE = Range("number, 0 to 10⁶", 0.0, 1e6, "values of at least 0 mm and at most 10⁶")
+_COUNT = Range("whole number from 0", 0, 2**53, "whole numbers from 0 on")
+RANGES: Mapping[str, Range] = {
+    # Above 0; an hour is the longest that sensors' limits may say.
+    "exposure_ms": Range("number above 0", 1e-9, 3.6e6, "values above 0, up to an hour"),
+    # A cloud denser than the image gives more than 1; ten points a pixel are percent mistaken.
+    "p_norm": Range("number, 0–1", 0.0, 10.0, _SHARE.needs, " (divide percent by 100)"),
+    **dict.fromkeys(("x_mm", "y_mm", "z_mm", "diameter_error_mm"), _PLACE),
+    "incidence_deg": Range("number, 0–180", 0.0, 180.0, "degrees from 0 to 180"),
+    "largest_gap_deg": Range("number, 0–360", 0.0, 360.0, "degrees from 0 to 360"),
+    **{n: _ANGLE for n in SCHEMA if n.removeprefix("part_") in {"w_deg", "p_deg", "r_deg"}},
+    **{n: _SHARE for n in SCHEMA if n.endswith("_share")},
+    **dict.fromkeys(
+        ("radius_mm", "sigma_z_mm", "plane_std_mm", "form_error_mm", "diameter_mm",
+         "centre_error_mm"), _SIZE),
+    **{n: _GREY for n in SCHEMA if n.startswith("i_")},
+    **{n: _COUNT for n in SCHEMA if n.startswith("n_")},
+}  # fmt: skip
+"""What each column of numbers may hold."""
+
+_NAMES = ("feature", "view")
+_SAME_CAPTURE = (
+    *_NAMES, "exposure_ms", "emulated", "brightness_source", "sensor", "part", "finish", "kind",
+    "tcp",
+)  # fmt: skip
+"""Columns that tell one measurement of a feature from another; further columns do so, too."""
 
 
 def check_names(names: Sequence[str], required: Sequence[str] = ()) -> None:
@@ -256,6 +308,7 @@ def check_frame(frame: pl.DataFrame) -> None:
         )
         raise ObservationError(msg)
     for name, dtype in schema[len(SCHEMA) :]:
+        check_plain(name, "the column")
         if not (dtype.is_numeric() or dtype in (pl.String, pl.Boolean, pl.Null)):
             msg = f"column {name!r} must hold numbers, texts or truth values, got {dtype}"
             raise ObservationError(msg)
@@ -263,28 +316,49 @@ def check_frame(frame: pl.DataFrame) -> None:
         if name not in _MAY_BE_EMPTY:
             _refuse(frame[name], frame[name].is_null(), "a value in every row")
     for name, dtype in SCHEMA.items():
-        column, scale = frame[name], QUANTITIES.get(name)
+        column = frame[name]
+        if column.null_count() == len(column):
+            continue
         if dtype.is_float() and name != "incidence_deg":  # NaN where the table has none
             _refuse(column, ~column.is_finite(), "finite numbers")
-        if scale is not None and scale.unit.startswith("grey") and name != "i_std":
-            on_scale = column.is_between(scale.low or 0.0, scale.high or 255.0)
-            hint = _bits_hint(column)
-            _refuse(column, ~on_scale, f"grey levels 0–255{hint}")
-        if name.endswith("_share"):
-            _refuse(column, ~column.is_between(0, 1), "a share, 0–1, of the ring's pixels")
-    _refuse(frame["exposure_ms"], frame["exposure_ms"] <= 0, "values above 0")
-    _refuse(frame["radius_mm"], frame["radius_mm"] < 0, "values of at least 0")
-    _refuse(
-        frame["p_norm"],
-        ~frame["p_norm"].is_between(0, _P_NORM_MAX),
-        "a share, 0–1, of the ring's pixels (divide percent by 100)",
-    )
+        if name in RANGES:
+            allowed = RANGES[name]
+            judged = column.fill_nan(None) if name == "incidence_deg" else column
+            outside = ~judged.is_between(allowed.low, allowed.high)
+            hint = allowed.advice or (_bits_hint(column) if allowed is _GREY else "")
+            _refuse(column, outside, f"{allowed.needs}{hint}")
+        if dtype == pl.String:
+            _refuse(column, has_control_characters(column), "texts without control characters")
+    for name in _NAMES:
+        _refuse(frame[name], frame[name].str.strip_chars() == "", "a name")
     unlit = frame["p_norm"].is_not_null() & frame["i_avg"].is_null()
     _refuse(frame["i_avg"], unlit, "a value in every row that has a p_norm")
     reasons = [reason.value for reason in Visibility]
     for name, known in (("visibility", reasons), ("brightness_source", get_args(BrightnessSource))):
         unknown = ~frame[name].is_in(known)
         _refuse(frame[name], unknown, f"one of {', '.join(map(repr, known))}")
+
+
+def check_unrepeated(frame: pl.DataFrame) -> None:
+    """Refuse two rows of one feature in one capture that are not the same.
+
+    Rows that are equal in all columns are taken for one that was copied, and said to be
+    (`ObservationTable.remarks`).
+    """
+    if frame.n_unique(["feature", "view", "exposure_ms"]) == len(frame):
+        return
+    further = [name for name in frame.columns if name not in SCHEMA]
+    different = frame.unique(maintain_order=True)
+    told_by = [*_SAME_CAPTURE, *further]
+    repeated = different.filter(different.select(told_by).is_duplicated())
+    if len(repeated):
+        feature, view, exposure_ms = repeated.select("feature", "view", "exposure_ms").row(0)
+        msg = (
+            f"feature {spelled(feature)!r} is there more than once in view {spelled(view)!r} at "
+            f"{exposure_ms:g} ms, with different values ({len(repeated)} such rows): keep one, or "
+            "tell them apart by the view's name or a further column"
+        )
+        raise ObservationError(msg)
 
 
 def _bits_hint(column: pl.Series) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from exposight import errors
 from exposight.contradictions import Contradiction, settle
 from exposight.contradictions.observed_rows import row_contradictions
-from exposight.files import read_bytes, sha256_of, write_durably
+from exposight.files import csv_of, read_bytes, sha256_of, write_durably
 from exposight.observing import schema
 from exposight.observing.masks import Visibility
 from exposight.observing.table_files import WRONG_SUFFIX, frame_in, parse_csv
@@ -93,7 +93,9 @@ class ObservationTable:
         ObservationError
             If a value is out of its range.
         """
-        return cls(frame=schema.complete(frame))
+        table = cls(frame=schema.complete(frame))
+        schema.check_unrepeated(table.frame)
+        return table
 
     @classmethod
     def concat(cls, tables: Sequence[ObservationTable]) -> ObservationTable:
@@ -252,15 +254,15 @@ class ObservationTable:
             If the suffix is another one.
         """
         path = Path(path)
-        buffer = io.BytesIO()
         match path.suffix.lower():
             case ".csv":
-                self.frame.write_csv(buffer)
+                data = csv_of(self.frame)
             case ".parquet":
+                buffer = io.BytesIO()
                 self.frame.write_parquet(buffer)
+                data = buffer.getvalue()
             case suffix:
                 raise errors.FormatError(WRONG_SUFFIX.format(path, suffix))
-        data = buffer.getvalue()
         write_durably(path, data)
         return sha256_of(data)
 

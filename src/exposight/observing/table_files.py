@@ -29,6 +29,8 @@ from exposight.files import (
     parsing,
     recognised,
     remarks_on,
+    unguarded,
+    without_guards,
 )
 from exposight.files.text_tables.column_units import Quantity
 from exposight.files.text_tables.written_numbers import stand_ins
@@ -126,7 +128,8 @@ def parse_csv(csv: bytes) -> pl.DataFrame:
     # releases of polars give types of absent ones to others by position.
     present = pl.read_csv(csv, n_rows=0, infer_schema=False).columns
     text = {name: pl.String for name in present if SCHEMA.get(name) == pl.String}
-    return pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
+    frame = pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
+    return without_guards(frame) if b"'" in csv else frame
 
 
 def _own_form(data: bytes, required: Sequence[str]) -> pl.DataFrame | None:
@@ -167,7 +170,7 @@ def _dialect(data: bytes, path: Path, required: Sequence[str]) -> pl.DataFrame:
     columns: dict[str, pl.Series] = {}
     by_place = {each.index: name for name, each in matched.items()}
     for place, header in enumerate(table.header):
-        name = by_place.get(place, header)
+        name = by_place.get(place, unguarded(header))
         if name in columns:
             msg = f"{path}: two columns are called {name!r}: name one of them differently"
             raise FormatError(msg)
@@ -235,7 +238,7 @@ def _numbers(table: TextTable, matched: Mapping[str, Matched]) -> dict[str, NDAr
 
 def _column(table: TextTable, place: int, name: str) -> pl.Series:
     """Return a column of texts or truth values, or a further one as its cells seem to be."""
-    cells = table.texts(place)
+    cells = list(map(unguarded, table.texts(place)))
     dtype = SCHEMA.get(name)
     if dtype == pl.Boolean or (dtype is None and _are_truths(cells)):
         truths = [_TRUTHS.get(cell.lower()) if cell else None for cell in cells]

@@ -4,7 +4,6 @@ A model's file is called after a checksum of all that decides it: its kernel and
 learns from, the seed and number of starts, and the program's version.
 """
 
-import io
 import json
 import logging
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from exposight import __version__, models
 from exposight.errors import FileError
-from exposight.files import sha256_of
+from exposight.files import csv_of, sha256_of
 from exposight.observing import ObservationTable
 from exposight.workers import Progress
 
@@ -111,6 +110,4 @@ def _kept(path: Path) -> models.GaussianProcessModel | None:
 
 def table_checksum(table: ObservationTable) -> str:
     """Return the SHA-256 of a table's rows, as CSV."""
-    buffer = io.BytesIO()
-    table.frame.write_csv(buffer)
-    return sha256_of(buffer.getvalue())
+    return sha256_of(csv_of(table.frame))

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from exposight.files import csv_of
 from exposight.gp import gpy_length_scale
 from exposight.models import Hyperparameter
 from exposight.observing import ObservationTable
@@ -109,7 +110,7 @@ def table_files(result: StudyResult) -> dict[str, bytes]:
     frames["table-8"] = result.tables.hyperparameters
     frames["table-9"] = result.tables.datasets
     frames["findings"] = _frame(map(asdict, result.findings))
-    return {f"{name}.csv": frame.write_csv().encode() for name, frame in frames.items()}
+    return {f"{name}.csv": csv_of(frame) for name, frame in frames.items()}
 
 
 def _frame(rows: Iterable[Mapping[str, object]]) -> pl.DataFrame:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import GREY_MAX
 from exposight.errors import InputError
-from exposight.files import write_durably
+from exposight.files import csv_of, write_durably
 from exposight.models import RingForecast, best_exposure
 from exposight.planning.capture_chances import SETTINGS, CaptureChances
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits, limits_from
@@ -310,7 +310,7 @@ class Forecast:
 
     def write(self, path: str | Path) -> None:
         """Write `frame` as a CSV file, durably."""
-        write_durably(Path(path), self.frame.write_csv().encode())
+        write_durably(Path(path), csv_of(self.frame))
 
     @property
     def table(self) -> Table:

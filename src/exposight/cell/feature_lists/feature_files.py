@@ -20,7 +20,16 @@ from exposight.cell.feature_lists.listed_features import ListFaults, listed_feat
 from exposight.cell.feature_lists.qif import features_from_qif, is_qif
 from exposight.cell.part import RULES, Feature
 from exposight.errors import FeatureError, FormatError
-from exposight.files import Reading, current_reading, read_bytes, recognised, write_durably
+from exposight.files import (
+    Reading,
+    current_reading,
+    guarded,
+    parsing,
+    read_bytes,
+    recognised,
+    unguarded,
+    write_durably,
+)
 
 _REQUIRED = ("name", "kind", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "radius_mm")
 _OPTIONAL = ("length_mm", "width_mm", "tx", "ty", "tz", "finish")
@@ -52,6 +61,11 @@ def read_features(path: Path, *, reading: Reading | None = None) -> tuple[Featur
     path = Path(path)
     data = read_bytes(path, "feature list")
     reading = current_reading(reading)
+    with parsing(path, "list of features"):
+        return _features(data, path, reading)
+
+
+def _features(data: bytes, path: Path, reading: Reading) -> tuple[Feature, ...]:
     if is_dmis(data) or path.suffix.lower() in {".dmi", ".dmis", ".dms"}:
         return features_from_dmis(data, path, reading)
     if is_qif(data) or path.suffix.lower() == ".qif":
@@ -129,7 +143,7 @@ def features_to_csv(features: Iterable[Feature]) -> str:
     Every column is written; ``finish``, which files of earlier versions lack, where one is known.
     """
     features = tuple(features)
-    finishes = [[feature.finish] for feature in features]
+    finishes = [[guarded(feature.finish)] for feature in features]
     if not any(map(any, finishes)):
         finishes = [[] for _ in features]
     buffer = io.StringIO(newline="")
@@ -142,7 +156,7 @@ def features_to_csv(features: Iterable[Feature]) -> str:
         outward = 0.0 - pose.rotation[:, 2]
         writer.writerow(
             [
-                feature.name,
+                guarded(feature.name),
                 feature.kind,
                 *map(_spell, pose.translation_mm),
                 *map(_spell, outward),
@@ -190,6 +204,7 @@ def features_from_csv(text: str, source: Path, *, inward: bool = False) -> tuple
             faults.add(f"row {number}", FormatError(msg))
             continue
         cells = dict(zip(header, map(str.strip, row), strict=True))
+        cells["name"], cells["finish"] = map(unguarded, (cells["name"], cells.get("finish", "")))
         names.append(cells["name"])
         numbers.append(number)
         try:
@@ -222,7 +237,7 @@ def _feature(cells: Mapping[str, str], *, inward: bool) -> Feature:
         radius_mm=_number(cells, "radius_mm"),
         length_mm=_number(cells, "length_mm") if cells.get("length_mm") else None,
         width_mm=_number(cells, "width_mm") if cells.get("width_mm") else None,
-        finish=cells.get("finish", ""),
+        finish=cells["finish"],
     )
 
 
@@ -233,7 +248,7 @@ def _vector(cells: Mapping[str, str], *columns: str) -> NDArray[np.float64]:
 def _number(cells: Mapping[str, str], column: str) -> float:
     text = cells.get(column, "")
     try:
-        number = float(text)
+        number = float("" if "_" in text else text)  # Python's own 1_000 is nobody else's
     except ValueError as error:
         msg = f"column {column}: expected a number, got {text!r}"
         raise FormatError(msg) from error

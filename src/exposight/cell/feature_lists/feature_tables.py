@@ -26,6 +26,7 @@ from exposight.files.text_tables.columns import Matched, match_columns
 from exposight.files.text_tables.dialects import TextTable, parse_table
 from exposight.files.text_tables.encodings import decode
 from exposight.files.text_tables.written_numbers import is_plain
+from exposight.files.words import unguarded
 from exposight.tables import counted
 
 _SCALED = (0.5, 1.8)
@@ -55,7 +56,11 @@ class _Columns:
 
     def texts(self, name: str) -> list[str]:
         column = self.matched.get(name)
-        return [""] * len(self.table) if column is None else self.table.texts(column.index)
+        return (
+            [""] * len(self.table)
+            if column is None
+            else list(map(unguarded, self.table.texts(column.index)))
+        )
 
     def numbers(self, *names: str) -> dict[str, NDArray[np.float64]]:
         """Return columns in mm, NaN where a cell is empty or there is no such column."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from exposight.errors import FormatError
+from exposight.errors import AmbiguousError, FormatError
 from exposight.files.reading import Reading
 from exposight.files.text_tables.cell_splits import MARKS, Candidate, Split
 from exposight.files.text_tables.columns import looks_like_names
@@ -16,6 +16,8 @@ from exposight.files.text_tables.written_numbers import is_missing, is_plain
 COMMENTS = ("//", "#", "%")
 _SAMPLE = 400
 """Lines from which the dialect is recognised, unless they leave it open."""
+_FIRST = 50
+"""Lines below a title that must fit before all are tried."""
 _SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)"?', re.IGNORECASE)
 _TITLE_LINES = 30
 """Lines of a title above the names."""
@@ -166,11 +168,21 @@ def _below_others(found: _Sorted, expected: Expected) -> Layout | None:
         below = replace(
             found, lines=found.lines[skipped:], numbers=found.numbers[skipped:], comment=""
         )
-        with contextlib.suppress(FormatError):
-            layout = _laid_out(below, replace(expected, least=max(expected.least, 3)))
-            if all(layout.names):
-                shown = f"{skipped} line{'s' * (skipped > 1)} above the names left out"
-                return replace(layout, remarks=[*layout.remarks, shown])
+        wanted = replace(expected, least=max(expected.least, 3))
+        first = replace(below, lines=below.lines[:_FIRST], numbers=below.numbers[:_FIRST])
+        is_long = len(below.lines) > 2 * _FIRST
+        try:
+            with contextlib.suppress(AmbiguousError):  # further lines may settle it
+                _laid_out(first if is_long else below, wanted)
+        except FormatError:
+            continue
+        try:
+            layout = _laid_out(below, wanted)
+        except FormatError:  # what does not fit stands below other titles as well
+            return None
+        if all(layout.names):
+            shown = f"{skipped} line{'s' * (skipped > 1)} above the names left out"
+            return replace(layout, remarks=[*layout.remarks, shown])
     return None
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from exposight.files import DocumentFormat, make_folder, read_text, write_durably
+from exposight.files import DocumentFormat, csv_of, make_folder, read_text, write_durably
 from exposight.planning.comparing.comparison import Comparison
 from exposight.planning.comparing.view_outcomes import ViewOutcome
 
@@ -46,7 +46,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> None:
         outcomes=comparison.outcomes,
     )
     write_durably(folder / RESULTS, _FORMAT.to_json(results).encode())
-    write_durably(folder / SCORES, scores.write_csv().encode())
+    write_durably(folder / SCORES, csv_of(scores))
 
 
 def read_comparison(path: str | Path) -> Comparison:
