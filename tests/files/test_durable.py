@@ -11,6 +11,7 @@ import pytest
 
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
 from exposight.files import (
+    LARGEST_FILE,
     KeptFiles,
     durable_folder,
     is_unfinished,
@@ -293,3 +294,13 @@ def test_a_writer_killed_before_the_checksum_loses_nothing(tmp_path):
 def test_what_is_not_there_cannot_be_sealed(tmp_path):
     with pytest.raises(FileError):
         KeptFiles(tmp_path, "plan").seal("a.csv")
+
+
+def test_devices_and_files_without_end_are_not_read(tmp_path):
+    with pytest.raises(FileError, match="is a device"):
+        read_bytes(Path("/dev/zero"), "sensor file")
+    path = tmp_path / "sparse"
+    with path.open("wb") as file:
+        file.truncate(LARGEST_FILE + 1)
+    with pytest.raises(FileError, match="may have up to"):
+        read_bytes(path, "sensor file")

@@ -102,6 +102,9 @@ def info_command(file: Path, /) -> Result:
     if not file.exists() and str(file) not in (names := (*PLANS, *PRESETS)):
         msg = f"{file}: no such file or folder, nor a plan or sensor of that name"
         raise MissingFileError(msg + did_you_mean(str(file), names))
+    if file.exists() and not (file.is_file() or file.is_dir()):
+        msg = f"{file}: a device, a pipe or the like; expected a file or a folder"
+        raise FormatError(msg)
     for kind, _, matches, describe in KINDS:
         if matches(file):
             facts = (fact("path", str(file), ""), fact("kind", kind, ""), *describe(file))

@@ -18,6 +18,7 @@ from exposight.files.documents import (
     validate,
 )
 from exposight.files.durable import (
+    LARGEST_FILE,
     WRITER_LOCK,
     KeptFiles,
     durable_folder,

@@ -33,6 +33,8 @@ _HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 """This machine in a temporary name: what locks say of another's writers depends on the disk."""
 _UNFINISHED = re.compile(r"\.(?:[0-9a-f]{8}-|.+\.)[0-9a-f]{8}\.unfinished")
 """Temporary names: machine and chance; of earlier versions final name and chance."""
+LARGEST_FILE = 8 * 2**30
+"""Bytes; a file is read as a whole."""
 _DAY_S = 86400.0
 """Where a lock does not tell, what has not changed for so long has no writer any more."""
 _logger = logging.getLogger(__name__)
@@ -271,10 +273,21 @@ def read_bytes(path: Path, what: str) -> bytes:
     MissingFileError
         If it is not there.
     FileError
-        If the disk refuses.
+        If the disk refuses, it is a device, which has no end, or larger than `LARGEST_FILE`.
     """
     try:
-        return Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            kind, size = os.fstat(file.fileno())[stat.ST_MODE], os.fstat(file.fileno()).st_size
+            if stat.S_ISCHR(kind) or stat.S_ISBLK(kind):
+                msg = f"{path} is a device, no {what}"
+                raise FileError(msg)
+            if size > LARGEST_FILE:
+                msg = (
+                    f"{path} has {size / 1e9:.1f} GB; a {what} may have up to "
+                    f"{LARGEST_FILE / 1e9:.1f} GB: give a part of it"
+                )
+                raise FileError(msg)
+            return file.read()
     except FileNotFoundError as error:
         msg = f"no {what} at {path}"
         raise MissingFileError(msg) from error
