@@ -220,6 +220,8 @@ _PLY_FAULTS["a list that does not fit"] = _list_count
 def _pcd_samples(encoding: Encoding) -> Callable[[Path], list[Sample]]:
     def samples(folder: Path) -> list[Sample]:
         array = points()
+        if encoding is Encoding.BINARY_COMPRESSED:  # else it would be written as it is
+            array = np.round(array / 50.0) * np.float32(50.0)
         grey = np.arange(ROWS * COLUMNS, dtype=np.float32)[:, None]
         made = PointCloud.from_xyzi_points(np.hstack([array.reshape(-1, 3), grey]))
         made.metadata = made.metadata.derive(height=ROWS, width=COLUMNS)
@@ -227,6 +229,7 @@ def _pcd_samples(encoding: Encoding) -> Callable[[Path], list[Sample]]:
         made.save(one, encoding=encoding)
         plain = PointCloud.from_xyz_points(array.reshape(-1, 3)[:12])
         plain.save(other, encoding=encoding)
+        assert (encoding is Encoding.BINARY_COMPRESSED) == (b"compressed" in one.read_bytes())
         return [Sample(one), Sample(other)]
 
     return samples
@@ -248,7 +251,9 @@ _PCD_FAULTS: dict[str, Fault] = {
 
 def _packed_sizes(data: bytes, random: Random) -> bytes | None:
     """Let compressed data announce other lengths."""
-    start = data.index(b"\n", data.index(b"DATA")) + 1
+    if b"compressed\n" not in data:
+        return None
+    start = data.index(b"compressed\n") + len(b"compressed\n")
     sizes = [*struct.unpack_from("<II", data, start)]
     at = random.randrange(2)
     sizes[at] = random.choice([0, 1, sizes[at] + 1, 2**31, 2**32 - 1])

@@ -71,11 +71,12 @@ class Format:
 
 def all_formats() -> dict[str, Format]:
     """Return all formats by their names."""
-    from tests.fuzz import clouds, images, own_files, text_files
+    from tests.fuzz import clouds, images, meshes, own_files, text_files
 
     rooms: Iterable[Sequence[Format]] = (
         clouds.FORMATS,
         images.FORMATS,
+        meshes.FORMATS,
         own_files.FORMATS,
         text_files.FORMATS,
     )

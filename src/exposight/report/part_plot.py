@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
-import trimesh
 from markupsafe import escape
 from numpy.typing import NDArray
 
-from exposight.errors import FormatError, MissingFileError
 from exposight.geometry import RigidTransform
+from exposight.geometry.meshes.triangle_meshes import read_mesh
 from exposight.report.figures import Plot, coordinates, layout, scene
 from exposight.report.palette import ACCENT, INK, P_NORM_SCALE
 from exposight.report.pictures import brighten, on_grid
@@ -66,31 +65,11 @@ class PartMesh:
 
 
 def read_part_mesh(path: str | Path) -> PartMesh:
-    """Read a part's surface (STL, PLY, OBJ, in mm and in the part's frame).
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FormatError
-        If it holds no triangles.
-    """
-    path = Path(path)
-    if not path.is_file():
-        msg = f"{path}: no such mesh"
-        raise MissingFileError(msg)
-    try:
-        mesh = trimesh.load_mesh(path)
-    except (ValueError, KeyError, IndexError, OSError, TypeError, NotImplementedError) as error:
-        msg = f"{path}: not a readable mesh, expected STL, PLY or OBJ ({error})"
-        raise FormatError(msg) from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        msg = f"{path}: expected a mesh of triangles"
-        raise FormatError(msg)
-    return PartMesh(
-        vertices=np.asarray(mesh.vertices, dtype=np.float32),
-        faces=np.asarray(mesh.faces, dtype=np.int32),
-    )
+    """Read a part's surface in its own frame, as `read_mesh`; STL, PLY and OBJ in mm."""
+    mesh = read_mesh(Path(path))
+    # STL repeats a vertex in each of its triangles.
+    vertices, places = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
+    return PartMesh(vertices=vertices, faces=places.ravel()[mesh.faces].astype(np.int32))
 
 
 def part_plot(view: ShownView, mesh: PartMesh | None, unseen: frozenset[str]) -> Plot:

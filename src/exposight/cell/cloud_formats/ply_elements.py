@@ -20,6 +20,8 @@ from exposight.compiled import njit
 from exposight.errors import DamagedFileError, FormatError
 
 Numbers = NDArray[np.floating]
+_ODD_BYTES = 4
+"""That may follow all elements: the end of a line, or zeros up to a whole word."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ class Body(Protocol):
     """What follows the header: the elements' numbers, one element after the other."""
 
     def require_all(self) -> None:
-        """Raise `DamagedFileError` where the bytes of all elements together are not there."""
+        """Raise `DamagedFileError` where there is less than the header announces."""
         ...
 
     def numbers(self, element: Element, names: Sequence[str]) -> Numbers:
@@ -107,13 +109,22 @@ class BinaryBody:
         self._starts = {id(elements[0]): start}
 
     def require_all(self) -> None:
-        """Raise `DamagedFileError` where the bytes of all elements together are not there."""
+        """Raise `DamagedFileError` where there are fewer bytes than announced, or more."""
+        end = 0
         for element in self._elements:
             start = self._start(element)
             if element.has_lists:
-                self._walk(element, start, keep=False)
+                _, end = self._walk(element, start, keep=False)
             else:
-                self._require(element, start, sum(int(p.code[1]) for p in element.properties))
+                row_bytes = sum(int(p.code[1]) for p in element.properties)
+                self._require(element, start, row_bytes)
+                end = start + element.count * row_bytes
+        if self._data.size - end > _ODD_BYTES:
+            msg = (
+                f"{self._path}: {self._data.size - end} bytes follow all that its header "
+                "announces; its counts are wrong: export it again"
+            )
+            raise DamagedFileError(msg)
 
     def numbers(self, element: Element, names: Sequence[str]) -> Numbers:
         """Return properties of an element, one row each."""

@@ -7,6 +7,7 @@ import io
 import logging
 import re
 import tempfile
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -18,7 +19,16 @@ import trimesh
 from numpy.typing import NDArray
 
 from exposight import errors
-from exposight.files import UNITS_MM, ambiguous, current_reading, read_bytes, recognised
+from exposight.files import (
+    UNITS_MM,
+    ambiguous,
+    current_reading,
+    parse_apart,
+    parsing,
+    read_bytes,
+    recognised,
+)
+from exposight.geometry.meshes.mesh_checks import check_glb, check_obj, check_ply, stl_corners
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".glb")
@@ -36,6 +46,14 @@ _NAMED_UNIT = re.compile(
 _HEADER_BYTES = 4096
 
 _FACE = np.dtype([("count", "u1"), ("corners", "<i4", (3,)), ("finish", "u1")])
+_CHECKS = {"ply": check_ply, "glb": check_glb, "obj": check_obj}
+_STEP_PARSER = Path(__file__).with_name("step_parser.py")
+_STEP_SECONDS, _STEP_SECONDS_PER_MB = 9.0, 60.0
+_STEP_GB, _STEP_GB_PER_MB = 1.0, 0.2
+"""Time and memory that a STEP file may take to be cut into triangles; faceted bodies take about
+half of both."""
+_FARTHEST = 1e9
+"""Coordinate of a vertex, in any unit, up to which squares of areas are numbers."""
 _FLAT = 1e-12
 """A triangle's height over its longest edge, below which it has no area."""
 _logger = logging.getLogger(__name__)
@@ -93,6 +111,8 @@ def mesh_fault(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> str:
             return f"{name} must have the shape (n, 3) with n > 0, got {array.shape}"
     if not np.isfinite(vertices).all():
         return "every vertex must be finite, got NaN or infinity; export the mesh again"
+    if np.abs(vertices).max() > _FARTHEST:
+        return f"no part has vertices {np.abs(vertices).max():g} away; export the mesh again"
     if faces.min() < 0 or faces.max() >= len(vertices):
         return (
             f"faces must number vertices from 0 to {len(vertices) - 1}, got "
@@ -126,14 +146,15 @@ def read_mesh(path: Path, unit: str | None = None) -> Mesh:
     if suffix not in MESH_SUFFIXES:
         msg = f"{path}: a mesh ends in {', '.join(MESH_SUFFIXES)}, got {path.suffix!r}"
         raise errors.FormatError(msg)
-    data = read_bytes(path, "triangle mesh")
-    try:
-        mesh = join_meshes(_bodies(data, suffix[1:]))
-    except Exception as error:  # trimesh raises whatever its parser meets
-        # A file that is no binary STL is tried as text, for whose encoding a module may be missing.
-        why = "damaged or cut short" if isinstance(error, ModuleNotFoundError) else error
-        msg = f"{path} cannot be read as a {suffix[1:].upper()} mesh ({why}); export it again"
-        raise errors.DamagedFileError(msg) from error
+    mesh = _parsed(read_bytes(path, "triangle mesh"), suffix[1:], path)
+    scale = UNITS_MM[unit or unit_of(path)]
+    return replace(mesh, vertices=mesh.vertices * scale)
+
+
+def _parsed(data: bytes, file_type: str, path: Path) -> Mesh:
+    """Return the triangles of a file that have an area, in its unit."""
+    with parsing(path, f"{file_type.upper()} mesh"), np.errstate(all="ignore"):
+        mesh = join_meshes(_bodies(data, file_type))
     if not len(mesh.faces):
         msg = f"{path} holds no triangles; expected a triangle mesh"
         raise errors.FormatError(msg)
@@ -149,7 +170,7 @@ def read_mesh(path: Path, unit: str | None = None) -> Mesh:
         raise errors.FormatError(msg)
     if not keep.all():
         _logger.warning("%s: %d triangles without area are left out", path, (~keep).sum())
-    return replace(mesh, vertices=mesh.vertices * UNITS_MM[unit or unit_of(path)]).with_faces(keep)
+    return mesh.with_faces(keep)
 
 
 def read_part_mesh(path: Path, unit: str | None = None) -> Mesh:
@@ -245,23 +266,24 @@ def _read_step(path: Path) -> Mesh:
             "export the part as STL, OBJ, PLY or GLB"
         )
         raise errors.FormatError(msg)
-    import cascadio
-
+    size_mb = len(data) / 1e6
     with tempfile.TemporaryDirectory() as folder:
-        cut = Path(folder) / "part.glb"
-        why: object = "no faces in it"
-        try:
-            why = cascadio.step_to_glb(
-                str(path), str(cut), tol_linear=_CHORD_MM, tol_angular=_CHORD_RAD
-            )
-            if not why and cut.is_file():
-                return read_mesh(cut)
-        except errors.ExposightError as error:
-            why = str(error).replace(str(cut), "its triangles")
-        except Exception as error:  # OpenCASCADE raises whatever it meets
-            why = error
-    msg = f"{path} cannot be read as STEP ({why}); export it again (AP214 or AP242)"
-    raise errors.DamagedFileError(msg)
+        cut = parse_apart(
+            _STEP_PARSER,
+            data,
+            source=path,
+            what="STEP part",
+            seconds=_STEP_SECONDS + _STEP_SECONDS_PER_MB * size_mb,
+            memory_gb=_STEP_GB + _STEP_GB_PER_MB * size_mb,
+            folder=folder,
+            chord_mm=f"{_CHORD_MM:g}",
+            chord_rad=f"{_CHORD_RAD:g}",
+        )
+    if not len(cut["glb"]):
+        msg = f"{path} holds no faces; export it again (AP214 or AP242)"
+        raise errors.FormatError(msg)
+    mesh = _parsed(cut["glb"].tobytes(), "glb", path)
+    return replace(mesh, vertices=mesh.vertices * UNITS_MM["m"])
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
@@ -283,7 +305,16 @@ def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
 
 def _bodies(data: bytes, file_type: str) -> list[Mesh]:
     """Return the meshes in a file where they stand, in its unit."""
-    scene = trimesh.load_scene(io.BytesIO(data), file_type=file_type, process=False)
+    if file_type == "stl":
+        corners = stl_corners(data)
+        faces = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+        return [Mesh(vertices=corners.reshape(-1, 3), faces=faces)]
+    if file_type in _CHECKS:
+        _CHECKS[file_type](data)
+    with warnings.catch_warnings():
+        # numpy warns, and no more, of numbers that it cannot read.
+        warnings.simplefilter("error", DeprecationWarning)
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=file_type, process=False)
     bodies = []
     for node in scene.graph.nodes_geometry:
         pose, name = scene.graph[node]
