@@ -17,8 +17,8 @@ def kill_figures(kills: int = KILLS) -> list[Figure]:
     quick = [each for each in COMMANDS if each.most is None]
     results = try_commands([each for each in COMMANDS if each.most], kills, 0)
     done = totals(results)["kills"]
-    while done < kills:  # commands with few touches are killed at each of them again
-        share = -(-(kills - done) // len(quick))
+    share = kills // 8  # many commands have fewer touches
+    while done < kills:
         more = try_commands(quick, share, 1)
         results += more
         done += totals(more)["kills"]

@@ -42,6 +42,8 @@ class Command:
         The call.
     before : str
         Another call, whose outputs are there already; none where it is empty.
+    once : bool
+        It makes a folder that is not there: what it made before, it does not make again.
     most : int or None
         It takes seconds, so that so many points must do, unless all are asked for.
     """
@@ -49,6 +51,7 @@ class Command:
     name: str
     words: str
     before: str = ""
+    once: bool = False
     most: int | None = None
 
 
@@ -60,9 +63,11 @@ _SIMULATE = "simulate {in}/sheet.toml --scene {in}/scene --rings-only"
 _REPLAY = "measure {in}/again.toml --driver replay --recording {in}/plate"
 _COLLECT = (
     "collect {in}/scans --features {in}/plate/features.csv --sensor {in}/plate/sensor.json "
-    "--poses {in}/poses --name {{view}}_{{exposure:f}}ms -o {out}/collected"
+    "--poses {in}/poses --name {view}_{exposure}ms -o {out}/collected"
 )
 _NEXT = "next {out}/state.json --plan {in}/plan.json --campaign {in}/plate --models {in}/models"
+
+_LIMITS = "[small]\nmin_ms = 0.5\nmax_ms = 50.0\nincrement_ms = 0.5\nallowed_ms = [3.0, 10.0]\n"
 
 COMMANDS = (
     Command(
@@ -102,6 +107,7 @@ COMMANDS = (
         name="measure, closed loop",
         words="measure {in}/plan.json --driver replay --recording {in}/plate --models {in}/models "
         "-o {out}/closed --merge {out}/merged",
+        once=True,
     ),
     Command(name="next, begun", words=_NEXT),
     Command(
@@ -110,8 +116,8 @@ COMMANDS = (
         before=_NEXT,
     ),
     Command(name="collect", words=_COLLECT),
-    Command(name="merge", words="merge {in}/plate -o {out}/merged"),
-    Command(name="part", words="part {in}/scene/scene.ply -o {out}/part"),
+    Command(name="merge", words="merge {in}/plate -o {out}/merged", once=True),
+    Command(name="part", words="part {in}/scene/sheet.ply -o {out}/part"),
     Command(
         name="decode",
         words="decode {in}/frames -s {in}/frames/sequence.toml --map {out}/map.npz",
@@ -130,7 +136,7 @@ COMMANDS = (
     Command(
         name="propose",
         words="propose {in}/models/quality.exposight-model --views {in}/plate "
-        "--captured {in}/o.csv -o {out}/more.exposight-model --next-plan {out}/next.toml",
+        "--next-plan {out}/next.toml",
     ),
     Command(
         name="compare",
@@ -178,9 +184,10 @@ def write_inputs(folder: Path) -> None:
     names = tuple(each.name for each in recorded.part.features if each.name != "far")
     again = MeasuringPlan(name="again", sensor=recorded.sensor, features=names, poses=[views])
     write_plan(folder / "again.toml", again)
-    words = ("--views", folder / "plate", "--confidence", 0.6)
+    (folder / "limits.toml").write_text(_LIMITS, encoding="utf-8")
+    words = ("--views", folder / "plate", "--confidence", 0.6, "--limits", folder / "limits.toml")
     _call("plan", folder / "models", *words, "-o", folder / "plan.json")
-    _sheet(folder)
+    write_sheet(folder)
     _frames(folder / "frames")
 
 
@@ -216,7 +223,7 @@ def _scans(folder: Path, recorded: CampaignFolder, poses: dict[str, RigidTransfo
         np.savetxt(folder / "poses" / f"{view}.txt", pose.to_matrix())
 
 
-def _sheet(folder: Path) -> None:
+def write_sheet(folder: Path) -> None:
     """Write the sheet with two holes as a scene, and a plan of two views of it."""
     from tests.conftest import hole_part
 
