@@ -27,6 +27,7 @@ from exposight.models import (
     ModelSpecification,
     Predictor,
     RadianceModel,
+    Training,
     WindowModel,
     keeps_limits,
     load_model,
@@ -43,6 +44,9 @@ from exposight.tables import Column, Table, counted, number
 from exposight.workers import usual_workers
 
 _ALL = "all"
+_WORTH_SAYING_S = 2.0
+"""Trainings that take longer are foretold."""
+
 _LEAST_ROWS = 10
 """So many observations for each input a model wants."""
 
@@ -154,6 +158,12 @@ def train_command(
                 train_response(table, each, model=quality, better=better)
                 for each in dict.fromkeys(target)
             ]
+        for each in specifications:
+            expected_s = Training(
+                specification=each, table=table, seed=seed, restarts=restarts
+            ).expected_s
+            if expected_s > _WORTH_SAYING_S:
+                progress.line(f"{each.name} takes about {number(expected_s, 2)} s of one core")
         if specifications:
             models += train_all(
                 specifications,

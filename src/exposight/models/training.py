@@ -1,5 +1,6 @@
 """Training: one model, or many in parallel on this machine or on a cluster."""
 
+import logging
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from exposight import gp
 from exposight.cell import ActiveSensor
 from exposight.errors import ObservationError
+from exposight.gp.cost import committee_seconds, fit_seconds
 from exposight.models.evaluation import check_exposures, check_rows
 from exposight.models.gaussian_process import FitSummary, GaussianProcessModel
 from exposight.models.predictor import Provenance
@@ -27,7 +29,12 @@ from exposight.workers import (
 
 _Likelihood: TypeAlias = "tuple[float, NDArray[np.float64]]"
 
+logger = logging.getLogger(__name__)
+
 _STAGE = "training models"
+
+_WORTH_SAYING_ROWS = 500
+"""Of fewer rows training takes no longer than foretelling it."""
 
 COMMITTEE_ROWS = 3000
 """Above so many rows a committee of exact experts is trained in place of one exact process: a tenth
@@ -86,6 +93,20 @@ class Training:
         parameters = len(self.specification.kernel.free_parameters)
         return float(len(self.table)) ** 3 * parameters
 
+    @property
+    def expected_s(self) -> float:
+        """About how many CPU seconds training takes, by a law measured on this machine."""
+        rows, limit = len(self.specification.rows(self.table)), self.committee_rows
+        if limit is None or rows <= limit:
+            return fit_seconds(rows, starts=self.restarts)
+        return committee_seconds(
+            rows,
+            shard_size=min(_SHARD_SIZE, 2 * limit // 3),
+            communication=min(_COMMUNICATION, limit // 3),
+            search_shards=_SEARCHED_SHARDS,
+            starts=self.restarts,
+        )
+
     def run(
         self, progress: Progress = ignore_progress, *, cluster: str | DaskCluster | None = None
     ) -> GaussianProcessModel:
@@ -114,6 +135,8 @@ class Training:
         check_exposures(rows, self.sensor)
         x, y = specification.data(rows)
         n_lit = self._check_brightness(x)
+        if n_lit > _WORTH_SAYING_ROWS:
+            logger.info("training %s: about %.3g CPU s", specification.name, self.expected_s)
 
         def report(stage: str, done: int, total: int) -> None:
             name = f"training {specification.name}"
