@@ -283,12 +283,21 @@ def test_a_damaged_file_is_made_again(tmp_path, suffix):
     assert kept.find("a.csv")
 
 
-def test_a_writer_killed_before_the_checksum_loses_nothing(tmp_path):
+def test_a_file_without_a_seal_is_not_believed(tmp_path):
     kept = KeptFiles(tmp_path, "plan")
     kept.path("a.csv").write_bytes(b"1")
-    assert kept.find("a.csv")
-    kept.path("a.csv").write_bytes(b"2")
     assert kept.find("a.csv") is None
+
+
+@pytest.mark.parametrize("other", [("plan", "b.csv"), ("another plan", "a.csv")])
+def test_a_file_that_was_renamed_is_not_believed(tmp_path, other):
+    kept = KeptFiles(tmp_path, "plan")
+    kept.keep("a.csv", b"1")
+    decisive, name = other
+    path = KeptFiles(tmp_path, decisive).path(name)
+    kept.path("a.csv").rename(path)
+    kept.path("a.csv").with_suffix(".sha256").rename(path.with_suffix(".sha256"))
+    assert KeptFiles(tmp_path, decisive).find(name) is None
 
 
 def test_what_is_not_there_cannot_be_sealed(tmp_path):

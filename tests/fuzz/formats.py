@@ -71,13 +71,14 @@ class Format:
 
 def all_formats() -> dict[str, Format]:
     """Return all formats by their names."""
-    from tests.fuzz import clouds, images, meshes, own_files, text_files
+    from tests.fuzz import clouds, images, meshes, own_files, own_results, text_files
 
     rooms: Iterable[Sequence[Format]] = (
         clouds.FORMATS,
         images.FORMATS,
         meshes.FORMATS,
         own_files.FORMATS,
+        own_results.FORMATS,
         text_files.FORMATS,
     )
     return {each.name: each for room in rooms for each in room}

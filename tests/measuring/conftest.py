@@ -82,8 +82,7 @@ def plate_driver():
     return PlateDriver
 
 
-@pytest.fixture
-def plate_plan():
+def plate_exposure_plan():
     """Two captures that serve all, and one more."""
     limits = ExposureLimits.of(plate_sensor())
 
@@ -124,3 +123,8 @@ def plate_plan():
             objective=3, bound=2, unit="captures", gap=1 / 3, proven=False, seconds=0.1
         ),
     )
+
+
+@pytest.fixture
+def plate_plan():
+    return plate_exposure_plan()

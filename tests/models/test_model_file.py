@@ -254,7 +254,7 @@ def test_a_newer_version_with_other_members(saved):
 
 
 def test_a_missing_file(path):
-    with pytest.raises(MissingFileError, match=r"q_k2\.exposight-model: no such model file"):
+    with pytest.raises(MissingFileError, match=r"no model file at .*q_k2\.exposight-model"):
         load_model(path)
     assert not is_model_file(path)
 
@@ -348,15 +348,25 @@ def test_a_document_that_makes_no_sense(saved, change, message):
         ({"model.json": b"{"}, "is not JSON"),
         ({"model.json": None}, "not a model file"),
         ({"targets.npy": None}, "not a model file .*targets is missing"),
-        ({"inputs.npy": b"no array"}, "not a model file"),
-        ({"inputs.npy": npy(np.array([{}, None], dtype=object))}, "not a model file .*pickle"),
+        ({"inputs.npy": b"no array"}, "not a readable model file"),
+        ({"inputs.npy": npy(np.array([{}, None], dtype=object))}, "Python objects"),
         ({"inputs.npy": npy(np.zeros((60, 3)))}, r"a column for each of 2 inputs, got .*\(60, 3\)"),
         ({"inputs.npy": npy(np.zeros(60))}, r"a column for each of 2 inputs, got shape \(60,\)"),
         ({"targets.npy": npy(np.zeros(59))}, "one target for each of the 60 rows"),
-        ({"targets.npy": npy(np.full(60, np.nan))}, "must be finite, got nan"),
+        (
+            {"targets.npy": npy(np.full(60, np.nan))},
+            "targets.npy holds numbers that are not finite",
+        ),
     ],
 )
 def test_members_that_make_no_sense(saved, members, message):
     rewrite(saved, members=members)
     with pytest.raises(FormatError, match=rf"q_k2\.exposight-model.*{message}"):
         load_model(saved)
+
+
+def test_other_files_that_end_in_hexadecimal_digits_are_no_models(path):
+    path.write_bytes(b"feature,view\nf1," + b"0123456789abcdef" * 4)
+    assert not is_model_file(path)
+    with pytest.raises(FormatError, match="got something else"):
+        load_model(path)

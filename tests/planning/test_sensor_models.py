@@ -106,7 +106,7 @@ def test_models_are_kept_and_come_back(models, hole, tmp_path):
 
 
 def test_a_folder_without_a_model_or_with_too_many(models, tmp_path):
-    with pytest.raises(MissingFileError, match="no such model file"):
+    with pytest.raises(MissingFileError, match="no model file at"):
         SensorModels.load(tmp_path / "nowhere")
     with pytest.raises(InputError, match="got none"):
         SensorModels.load(tmp_path)

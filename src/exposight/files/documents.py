@@ -74,6 +74,12 @@ class DocumentFormat(Generic[_Record]):
         """
         return self.from_dict(parse_json(text, source), source)
 
+    def from_bytes(self, data: bytes, source: str) -> _Record:
+        """Read a record from the bytes of a JSON document in UTF-8; see `from_json`."""
+        with parsing(source, "JSON document"):
+            text = data.decode("utf-8-sig")
+        return self.from_json(text, source)
+
     def from_dict(self, raw: Mapping[str, Any], source: str) -> _Record:
         """Read a record from a document that is parsed already; see `from_json`."""
         check_header(raw, format_name=self.name, newest=self.version, source=source)

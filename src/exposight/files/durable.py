@@ -379,8 +379,9 @@ class KeptFiles:
     """Files in a folder that need not be made again while all that decides them is the same.
 
     A file's name carries a checksum of what decides its content, so that a file which other inputs
-    made is never taken for this one. Beside each lies the SHA-256 of its bytes; a file that was
-    damaged is removed when it is looked up, and made again.
+    made is never taken for this one. Beside each lies its seal, a SHA-256 of its bytes, its
+    name and all that decides it; a file that was damaged, renamed, or has no seal, is removed when
+    it is looked up, and made again.
 
     Parameters
     ----------
@@ -392,7 +393,8 @@ class KeptFiles:
 
     def __init__(self, folder: Path, *decisive: str) -> None:
         self._folder = Path(folder)
-        self._checksum = sha256_of("\n".join(decisive).encode())[:12]
+        self._decisive = sha256_of("\n".join(decisive).encode())
+        self._checksum = self._decisive[:12]
 
     def path(self, name: str) -> Path:
         """Return where a file is kept: ``inside.csv`` becomes ``inside-<checksum>.csv``."""
@@ -404,14 +406,14 @@ class KeptFiles:
         path = self.path(name)
         if not path.is_file():
             return None
-        if not _seal_path(path).is_file():  # killed between the two; the file itself is whole
-            self.seal(name)
-            return path
         try:
-            read_verified(path, read_bytes(_seal_path(path), "checksum").decode(), "kept file")
-        except (FileError, UnicodeDecodeError) as error:
+            said = read_bytes(_seal_path(path), "checksum").decode()
+            if said != self._seal_of(name, read_bytes(path, "kept file")):
+                msg = f"{path} is not what was kept there"
+                raise DamagedFileError(msg)
+        except (FileError, UnicodeDecodeError) as error:  # without a seal it may be anybody's
             _logger.warning("made again: %s", error)
-            path.unlink()
+            path.unlink(missing_ok=True)
             return None
         return path
 
@@ -435,7 +437,12 @@ class KeptFiles:
             If it is not there, or the disk refuses.
         """
         path = self.path(name)
-        write_durably(_seal_path(path), sha256_of(read_bytes(path, "kept file")).encode())
+        seal = self._seal_of(name, read_bytes(path, "kept file"))
+        write_durably(_seal_path(path), seal.encode())
+
+    def _seal_of(self, name: str, data: bytes) -> str:
+        """Return the checksum of a file's bytes, its name, and all that decides its content."""
+        return sha256_of(f"{self._decisive}\n{name}\n{sha256_of(data)}".encode())
 
 
 def _seal_path(path: Path) -> Path:

@@ -223,10 +223,14 @@ def check_learnable(x: FloatArray, y: FloatArray, *, dims: tuple[int, ...]) -> N
 def check_positive(values: ArrayLike, *, name: str) -> tuple[float, ...]:
     """Check a hyperparameter's values, one or several: positive and finite."""
     try:
-        array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        given = np.asarray(values)
     except (TypeError, ValueError) as error:
         msg = f"{name} must be positive numbers, got {values!r}"
         raise InputError(msg) from error
+    if given.dtype.kind not in "fiu":  # numpy would take texts, and truth values, for numbers
+        msg = f"{name} must be positive numbers, got {values!r}"
+        raise InputError(msg)
+    array = np.atleast_1d(given.astype(np.float64))
     if array.ndim != 1 or len(array) == 0 or not np.all((array > 0.0) & np.isfinite(array)):
         msg = f"{name} must be positive and finite, got {values!r}"
         raise InputError(msg)

@@ -53,6 +53,16 @@ class MergeRecord:
     points: tuple[int, ...]
     criterion: Criterion
 
+    def __post_init__(self) -> None:
+        times, points = self.exposures_ms, self.points
+        ascending = all(one < other for one, other in pairwise((0.0, *times)))
+        if not times or not ascending or len(points) != len(times) or min(points) < 0:
+            msg = (
+                "a merged capture has ascending exposure times above 0 ms and a number of points "
+                f"of each, got {times} and {points}"
+            )
+            raise InputError(msg)
+
 
 _FORMAT = DocumentFormat("exposight merged capture", 1, MergeRecord)
 
@@ -164,8 +174,7 @@ def merge_record(capture: Capture) -> MergeRecord | None:
     """
     if capture.brightness_source != "merged" or RECORD not in capture.attachments:
         return None
-    text = capture.attachments[RECORD].decode()
-    return _FORMAT.from_json(text, f"{RECORD} of the {capture}")
+    return _FORMAT.from_bytes(capture.attachments[RECORD], f"{RECORD} of the {capture}")
 
 
 def _score(

@@ -40,7 +40,12 @@ from exposight.measuring.decisions import (
 )
 from exposight.measuring.open_loop import OpenLoop
 from exposight.measuring.record import describe, keep_loop_record
-from exposight.measuring.view_work import OBSERVATIONS_FILE, take_capture, write_table
+from exposight.measuring.view_work import (
+    OBSERVATIONS_FILE,
+    stored_observations,
+    take_capture,
+    write_table,
+)
 from exposight.observing import ObservationTable, Observer, parse_observations
 from exposight.planning import ExposurePlan, SensorModels
 from exposight.planning.closed_loop import ClosedLoop
@@ -281,8 +286,7 @@ class _LoopRun:
             total = len(self.loop.outcomes)
             self.progress("measuring", 0, total)
             for number, description in zip(there.numbers, there.descriptions(), strict=True):
-                data = there.attachments(number)[OBSERVATIONS_FILE]
-                rows = parse_observations(data, f"{folder}, capture {number}")
+                rows = stored_observations(there, number, description)
                 request = self.loop.next()
                 pose = description.camera_from_part
                 remark = pose_remark(self.part, request, description.view, pose)

@@ -17,7 +17,14 @@ from exposight.cell import ActiveSensor, CampaignFolder, Part
 from exposight.cell.capture import read_capture
 from exposight.cell.feature_lists.feature_files import features_from_csv, features_to_csv
 from exposight.contradictions import Contradiction
-from exposight.errors import FileError, InputError, SensorError, did_you_mean
+from exposight.errors import (
+    FileError,
+    FormatError,
+    InputError,
+    SensorError,
+    did_you_mean,
+    first_ten,
+)
 from exposight.files import (
     Checksum,
     DocumentFormat,
@@ -69,7 +76,12 @@ class FedCapture:
     def rows(self) -> ObservationTable:
         """Its observations."""
         source = f"observations of view {self.view!r} at {self.exposure_ms:g} ms"
-        return parse_observations(self.observations.encode(), source)
+        table = parse_observations(self.observations.encode(), source)
+        named = set(zip(table.frame["view"], table.frame["exposure_ms"], strict=True))
+        if named != {(self.view, self.exposure_ms)}:
+            msg = f"{source} hold rows of another capture: {first_ten(sorted(map(str, named)))}"
+            raise FormatError(msg)
+        return table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -247,7 +247,7 @@ def measure_observations(
         found = {name: path for file, name in paths.items() if (path := kept.find(file))}
         files = {name: file for file, name in paths.items()}
         table = job.observe(
-            {name: read_observations(path) for name, path in found.items()},
+            {name: job.kept_view(name, path) for name, path in found.items()},
             lambda name, rows: kept.keep(files[name], csv_of(rows.frame)),
         )
         table.write(table_path)
@@ -339,6 +339,22 @@ class _Job:
             if captures:
                 tasks.append(self._task(view=view, captures=captures))
         return tasks
+
+    def kept_view(self, name: str, path: Path) -> ObservationTable:
+        """Read the observations of a view that an earlier run finished.
+
+        Raises
+        ------
+        FormatError
+            If they are of another view, or not of all its features and exposure times.
+        """
+        table = read_observations(path)
+        captures = [len(view.exposures_ms) for view in self.views if view.name == name]
+        rows = len(self.part.features) * sum(captures)
+        if set(table.frame["view"]) - {name} or len(table) != rows:
+            msg = f"{path} is not of view {name!r}, or has not its {rows} rows; remove it"
+            raise FormatError(msg)
+        return table
 
     def observe(
         self,

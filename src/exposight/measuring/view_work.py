@@ -17,12 +17,13 @@ from exposight.cell import (
     Part,
     write_numbered_capture,
 )
+from exposight.cell.capture import CaptureDescription
 from exposight.contradictions import Contradiction
-from exposight.errors import ExposightError, InputError, SensorError
+from exposight.errors import ExposightError, FormatError, InputError, SensorError
 from exposight.files import csv_of, write_durably
 from exposight.geometry import RigidTransform
 from exposight.measuring.record import check_record, describe, differing
-from exposight.observing import ObservationTable, Observer
+from exposight.observing import ObservationTable, Observer, parse_observations
 from exposight.plans import MeasuringPlan, PlannedView
 
 OBSERVATIONS_FILE = "observations.csv"
@@ -121,11 +122,44 @@ def observe_view(task: ViewTask) -> ObservationTable:
     return replace(table, contradictions=observer.contradictions)
 
 
+def stored_observations(
+    campaign: CampaignFolder, number: int, capture: CaptureDescription
+) -> ObservationTable:
+    """Return the observations that lie beside a capture, and are of that one.
+
+    Raises
+    ------
+    FormatError
+        If they are not there, or of another capture.
+    FileError
+        If they cannot be read.
+    """
+    source = f"{campaign.path}, capture {number}"
+    table = parse_observations(_stored(campaign, number), source)
+    named = set(zip(table.frame["view"], table.frame["exposure_ms"], strict=True))
+    twice = table.frame["feature"].is_duplicated().any()
+    if named != {(capture.view, capture.exposure_ms)} or twice:
+        msg = (
+            f"{source}: {OBSERVATIONS_FILE} holds rows of another capture than view "
+            f"{capture.view!r} at {capture.exposure_ms:g} ms, or a feature twice; take it again"
+        )
+        raise FormatError(msg)
+    return table
+
+
+def _stored(campaign: CampaignFolder, number: int) -> bytes:
+    attachments = campaign.attachments(number)
+    if OBSERVATIONS_FILE not in attachments:
+        msg = f"{campaign.path}, capture {number}: it was kept without {OBSERVATIONS_FILE}"
+        raise FormatError(msg)
+    return attachments[OBSERVATIONS_FILE]
+
+
 def write_table(campaign: CampaignFolder) -> None:
     """Write the observations of a campaign's captures, which lie beside them, as one table."""
     rows: dict[bytes, list[bytes]] = {}
     for number in campaign.numbers:
-        header, _, body = campaign.attachments(number)[OBSERVATIONS_FILE].partition(b"\n")
+        header, _, body = _stored(campaign, number).partition(b"\n")
         rows.setdefault(header, []).append(body)
     tables = [header + b"\n" + b"".join(bodies) for header, bodies in rows.items()]
     if len(tables) > 1:  # an earlier version, which knew fewer columns, began it

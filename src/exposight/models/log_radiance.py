@@ -25,7 +25,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from exposight.cell import ActiveSensor
-from exposight.errors import ObservationError
+from exposight.errors import InputError, ObservationError
 from exposight.gp import GaussianProcess, Linear, Sum
 from exposight.models.radiance_search import (
     ANGLES,
@@ -62,6 +62,25 @@ SOFT_STD = 0.015
 
 SAME_PLACE_MM = 1.0
 """By how much poses of one view may differ: they are read back, or aligned, anew."""
+
+
+def check_learnt_from(x: FloatArray, features: Sequence[str], views: Sequence[str]) -> None:
+    """Check rings that a process was conditioned on: their columns, and numbers of names.
+
+    Raises
+    ------
+    InputError
+        If there are other columns, a name is there twice, or a number has no name.
+    """
+    if x.ndim != 2 or x.shape[1] != COLUMNS:
+        msg = f"inputs.npy must have {COLUMNS} columns, got shape {x.shape}"
+        raise InputError(msg)
+    for what, names, column in (("feature", features, FEATURE), ("view", views, VIEW)):
+        numbers = x[:, column]
+        is_known = (numbers == np.rint(numbers)) & (numbers >= -1) & (numbers < len(names))
+        if len(set(names)) < len(names) or not is_known.all():
+            msg = f"inputs.npy must number each {what} as it is listed, and each is listed once"
+            raise InputError(msg)
 
 
 class RingPrediction(NamedTuple):

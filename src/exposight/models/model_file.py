@@ -14,10 +14,21 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor
-from exposight.errors import DamagedFileError, FormatError, InputError, MissingFileError
-from exposight.files import DocumentFormat, check_header, parse_json, sha256_of, write_durably
+from exposight.errors import DamagedFileError, FormatError, InputError, NumericalError
+from exposight.files import (
+    DocumentFormat,
+    check_header,
+    parse_json,
+    parsing,
+    read_array,
+    read_bytes,
+    read_members,
+    sha256_of,
+    write_durably,
+)
 from exposight.models.predictor import Predictor, Provenance, predictor_kind
 from exposight.quantities import quantity
 
@@ -28,8 +39,10 @@ _Kind = TypeVar("_Kind", bound=Predictor)
 
 _CONTENT_OF_VERSION_1 = ("source", "p_norm_min", "kernel", "noise_variance", "fit")
 _MANIFEST, _ARRAY = "model.json", ".npy"
+_NAME = r"[^./\\\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]{0,199}"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # ZIP's earliest date: the same model gives the same bytes
 _DIGEST_LENGTH = 64
+_TAIL_LENGTH = 22 + _DIGEST_LENGTH
 _HEAD_LENGTH = 40  # ZIP's header of the first member, 30 bytes, and that member's name
 
 
@@ -52,6 +65,15 @@ class _Manifest:
     """The sensor's own JSON document, as text."""
     content: dict[str, Any]
     """What this kind keeps: `Predictor.to_document`."""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(_NAME, self.name):
+            msg = f"a model's name names its file, got {self.name!r}; use letters, digits, _ and -"
+            raise InputError(msg)
+        columns = [each.name for each in self.inputs]
+        if len(set(columns)) < len(columns) or not all((self.target.name, *columns)):
+            msg = f"a model reads columns by their names, each once, got {', '.join(columns)}"
+            raise InputError(msg)
 
 
 _FORMAT = DocumentFormat("exposight model", 2, _Manifest)
@@ -131,11 +153,8 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
         If a newer version of exposight wrote it.
     """
     path = Path(path)
-    if not path.is_file():
-        msg = f"{path}: no such model file"
-        raise MissingFileError(msg)
-    data = path.read_bytes()
-    if not _is_marked(data[:_HEAD_LENGTH], data[-_DIGEST_LENGTH:]):
+    data = read_bytes(path, "model file")
+    if not _is_marked(data[:_HEAD_LENGTH], data[-_TAIL_LENGTH:]):
         msg = (
             f"{path}: expected a model file (a ZIP archive that `train` wrote), got something else"
         )
@@ -146,21 +165,7 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
             "copy it again, or train the model again"
         )
         raise DamagedFileError(msg)
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            manifest = archive.read(_MANIFEST).decode()
-            raw = parse_json(manifest, str(path))
-            check_header(raw, format_name=_FORMAT.name, newest=_FORMAT.version, source=str(path))
-            arrays = {
-                name.removesuffix(_ARRAY): np.load(io.BytesIO(archive.read(name)))
-                for name in archive.namelist()
-                if name.endswith(_ARRAY)
-            }
-    except (zipfile.BadZipFile, KeyError, ValueError) as error:
-        msg = f"{path}: not a model file ({error})"
-        raise FormatError(msg) from error
-    document = _FORMAT.from_dict(_from_version_1(raw) if raw["version"] == 1 else raw, str(path))
-    _check_units(document, str(path))
+    document, arrays = _unpacked(data, path)
     common = {
         "name": document.name,
         "title": document.title,
@@ -173,17 +178,41 @@ def load_model(path: str | Path, kind: type[Predictor] = Predictor) -> Predictor
     }
     try:
         model = predictor_kind(document.kind).from_document(common, document.content, arrays)
-    except (KeyError, TypeError) as error:
-        missing = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
-        msg = f"{path}: not a model file ({missing})"
+    except KeyError as error:
+        msg = f"{path}: not a model file ({error.args[0]} is missing)"
         raise FormatError(msg) from error
-    except (InputError, FormatError) as error:
+    except (InputError, FormatError, NumericalError) as error:
         msg = f"{path}: {error}"
         raise FormatError(msg) from error
+    except Exception:  # a kind may be anybody's, and raise what it likes
+        with parsing(path, "model file"):
+            raise
     if not isinstance(model, kind):
         msg = f"{path}: expected a model of kind {kind.kind!r}, got {model.kind!r}"
         raise FormatError(msg)
     return model
+
+
+def _unpacked(data: bytes, path: Path) -> tuple[_Manifest, dict[str, NDArray[Any]]]:
+    """Return what a model file holds, checked as far as it is the same for all kinds."""
+    members = read_members(data, path, "model file", most_bytes=len(data))  # it packs nothing
+    if _MANIFEST not in members:
+        msg = f"{path}: not a model file ({_MANIFEST} is missing)"
+        raise FormatError(msg)
+    with parsing(path, "model file"):
+        raw = parse_json(members.pop(_MANIFEST).decode(), str(path))
+    check_header(raw, format_name=_FORMAT.name, newest=_FORMAT.version, source=str(path))
+    arrays = {
+        name.removesuffix(_ARRAY): read_array(member, f"{path}: {name}", "model file")
+        for name, member in members.items()
+    }
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            msg = f"{path}: not a model file ({name}{_ARRAY} holds numbers that are not finite)"
+            raise FormatError(msg)
+    document = _FORMAT.from_dict(_from_version_1(raw) if raw["version"] == 1 else raw, str(path))
+    _check_units(document, str(path))
+    return document, arrays
 
 
 def is_model_file(path: str | Path) -> bool:
@@ -193,7 +222,7 @@ def is_model_file(path: str | Path) -> bool:
         return False
     with path.open("rb") as file:
         head = file.read(_HEAD_LENGTH)
-        file.seek(max(0, file.seek(0, io.SEEK_END) - _DIGEST_LENGTH))
+        file.seek(max(0, file.seek(0, io.SEEK_END) - _TAIL_LENGTH))
         return _is_marked(head, file.read())
 
 
@@ -203,7 +232,9 @@ def _is_marked(head: bytes, tail: bytes) -> bool:
     if len(head) < _HEAD_LENGTH:  # cut off where no other file ends
         return head.startswith(local_header)
     begins = head.startswith(local_header) and head.endswith(_MANIFEST.encode())
-    return begins or re.fullmatch(rb"[0-9a-f]{64}", tail) is not None
+    # Other files end in hexadecimal digits too, but not behind the end of a ZIP archive.
+    ends = re.fullmatch(rb"PK\x05\x06.{16}\x40\x00[0-9a-f]{64}", tail, re.DOTALL)
+    return begins or ends is not None
 
 
 def _member(name: str) -> zipfile.ZipInfo:

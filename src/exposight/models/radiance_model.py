@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from pydantic import Field
 
 from exposight import __version__
+from exposight.cell import GREY_MAX
 from exposight.errors import ObservationError
+from exposight.files import validate
 from exposight.gp import GaussianProcess, kernel_from_dict
 from exposight.models.abstaining import FAR, far_away
 from exposight.models.evaluation import check_exposures
-from exposight.models.log_radiance import Formula, LogRadiance
+from exposight.models.log_radiance import Formula, LogRadiance, check_learnt_from
 from exposight.models.origin import ORIGIN_COLUMNS, Origin
 from exposight.models.prediction import Prediction
 from exposight.models.predictor import (
@@ -24,6 +27,7 @@ from exposight.models.predictor import (
     input_array,
     register_predictor,
 )
+from exposight.models.radiance_search import MeanKind
 from exposight.models.ring_data import (
     CLIPPED_COLUMNS,
     FEW_CLIPPED,
@@ -389,28 +393,48 @@ class RadianceModel(Predictor):
         cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
     ) -> RadianceModel:
         """Rebuild a model; factors follow from the data and are computed again."""
-        formula = Formula(kind=content["mean"]).with_parameters(np.array(content["formula"]))
+        kept = validate(_Content, content, "model.json")
+        x = np.asarray(arrays["inputs"], dtype=np.float64)
+        check_learnt_from(x, kept.features, kept.views)
         process = GaussianProcess.condition(
-            kernel_from_dict(content["kernel"]),
-            content["noise_variance"],
-            arrays["inputs"],
+            kernel_from_dict(kept.kernel),
+            kept.noise_variance,
+            x,
             arrays["targets"],
             row_noise=arrays["row_noise"],
         )
-        mean, std = content["formula_prior"]
         learnt = LogRadiance(
-            formula=formula,
-            formula_prior=(tuple(mean), tuple(std)),
+            formula=Formula(kind=kept.mean).with_parameters(kept.formula),
+            formula_prior=kept.formula_prior,
             process=process,
             sensor=common["sensor"],
-            features=tuple(content["features"]),
-            views=tuple(content["views"]),
-            widening=(content["widening"][0], content["widening"][1]),
+            features=kept.features,
+            views=kept.views,
+            widening=kept.widening,
         )
         return cls(
             **common,
             learnt=learnt,
-            black_level=content["black_level"],
-            black_level_known=content["black_level_known"],
-            origin=Origin(**content["origin"]),
+            black_level=kept.black_level,
+            black_level_known=kept.black_level_known,
+            origin=kept.origin,
         )
+
+
+_Three = Annotated[tuple[float, ...], Field(min_length=3, max_length=3)]
+_Factor = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Content:
+    mean: MeanKind
+    formula: _Three
+    formula_prior: tuple[_Three, _Three]
+    kernel: dict[str, Any]
+    noise_variance: Annotated[float, Field(gt=0.0)]
+    features: tuple[str, ...]
+    views: tuple[str, ...]
+    widening: tuple[_Factor, _Factor]
+    black_level: Annotated[float, Field(ge=0.0, le=GREY_MAX)]
+    black_level_known: bool
+    origin: Origin

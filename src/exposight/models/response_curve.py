@@ -9,17 +9,17 @@ captures measure it, and beyond its ends no need is met.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from exposight import gp
-from exposight.errors import ObservationError
+from exposight.errors import InputError, ObservationError
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.ring_light import RingLight, Rings
-from exposight.models.window import Points, Tables, regular_grid
+from exposight.models.window import Points, Tables, check_numbers, regular_grid
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -59,6 +59,19 @@ class ResponseCurve:
     values: FloatArray
     scatter: float
     better: Better
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        shapes = self.grid.shape, self.values.shape
+        if shapes[0] != shapes[1] or len(shapes[0]) != 1 or shapes[0] < (2,):
+            msg = f"a curve needs as many values as places on a grid, two or more, got {shapes}"
+            raise InputError(msg)
+        if (np.diff(self.grid) <= 0.0).any() or self.scatter < 0.0:
+            msg = f"a curve needs an ascending grid and a scatter of 0 or more, got {self.scatter}"
+            raise InputError(msg)
+        if self.better not in get_args(Better):
+            msg = f"better must be {' or '.join(get_args(Better))}, got {self.better!r}"
+            raise InputError(msg)
 
     @property
     def sign(self) -> float:

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from exposight.compiled import njit
+from exposight.errors import InputError
 from exposight.models.log_radiance import LogRadiance
 from exposight.models.ring_light import RingLight, Rings, log_mean
 
@@ -112,6 +113,21 @@ class Response(Protocol):
         """Return what tables must reach for a quality to be reached, (n,), with their chances."""
 
 
+def check_numbers(response: Any) -> None:
+    """Check that all that was learnt of a response is finite numbers.
+
+    Raises
+    ------
+    InputError
+        If something is not.
+    """
+    for name, value in vars(response).items():
+        number = value if isinstance(value, np.ndarray) else np.asarray(value)
+        if name != "better" and (number.dtype.kind not in "fiu" or not np.isfinite(number).all()):
+            msg = f"{name} must be finite numbers, got {value!r:.80}"
+            raise InputError(msg)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Window:
     """A sensor's two limits, learnt.
@@ -148,6 +164,18 @@ class Window:
     tail: float
     best: FloatArray
     best_std: float
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        widths = (self.width_low, self.width_high)
+        scatters = (self.shift_low, self.shift_high, self.scatter, self.best_std)
+        shapes = tuple(each.shape for each in (self.offset_max, self.offset_mod, self.best))
+        if min(widths) <= 0.0 or min(scatters) < 0.0 or shapes != ((10,), (10,), (11,)):
+            msg = (
+                f"a window needs widths above 0 and scatters of 0 or more, got {widths} and "
+                f"{scatters}, and coefficients of shape (10,), (10,) and (11,), got {shapes}"
+            )
+            raise InputError(msg)
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from pydantic import Field
 
 from exposight.errors import InputError, ObservationError
+from exposight.files import validate
 from exposight.models.abstaining import CURVED, curved, far_away
 from exposight.models.correction import corrected
 from exposight.models.evaluation import check_exposures
@@ -344,23 +346,35 @@ class WindowModel(Predictor):
         cls, common: Mapping[str, Any], content: dict[str, Any], arrays: Mapping[str, NDArray[Any]]
     ) -> WindowModel:
         """Rebuild a model and the radiance model in it."""
-        inner = dict(content["radiance"])
-        of_radiance = {
-            **common,
-            "target": "exposure_ms",
-            "name": inner.pop("name"),
-            "title": inner.pop("title"),
-            "inputs": tuple(inner.pop("inputs")),
-        }
+        kept = validate(_Content, content, "model.json")
+        inner = validate(_Radiance, {k: kept.radiance.pop(k, None) for k in _NAMED}, "model.json")
+        of_radiance = {**common, "target": "exposure_ms", **vars(inner)}
         further: dict[str, Any] = {
             name.removeprefix("window_"): array
             for name, array in arrays.items()
             if name.startswith("window_")
         }
-        kind = ResponseCurve if "better" in content["window"] else Window
-        window = kind(**content["window"], **further)
-        radiance = RadianceModel.from_document(of_radiance, inner, arrays)
-        return cls(**common, radiance=radiance, window=window, n_rows=content["n_rows"])
+        kind = ResponseCurve if "better" in kept.window else Window
+        window = kind(**kept.window, **further)  # type: ignore[arg-type]
+        radiance = RadianceModel.from_document(of_radiance, kept.radiance, arrays)
+        return cls(**common, radiance=radiance, window=window, n_rows=kept.n_rows)
+
+
+_NAMED = ("name", "title", "inputs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Radiance:
+    name: str
+    title: str
+    inputs: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Content:
+    radiance: dict[str, Any]
+    window: dict[str, float | str]
+    n_rows: Annotated[int, Field(ge=1)]
 
 
 _NOTHING_MEASURED = (np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))

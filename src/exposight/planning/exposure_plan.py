@@ -197,6 +197,10 @@ class ExposurePlan:
             for exposure in view.exposures:
                 if fault := self._exposure_fault(exposure):
                     return f"view {view.name!r}: {fault}"
+            orders = sorted(each.order for each in view.exposures)
+            times = {each.exposure_ms for each in view.exposures}
+            if orders != list(range(1, len(orders) + 1)) or len(times) < len(orders):
+                return f"view {view.name!r}: its exposures are not numbered, or one is there twice"
         taken = {view.name: [each.exposure_ms for each in view.exposures] for view in self.views}
         for each in self.features:
             if not 0.0 <= each.chance <= 1.0:
@@ -207,7 +211,29 @@ class ExposurePlan:
                     f"feature {each.feature!r} is planned in view {each.view!r} at "
                     f"{number(each.exposure_ms)} ms, where nothing is captured"
                 )
-        return ""
+        return self._promise_fault()
+
+    def _promise_fault(self) -> str:
+        """Return what of covers, promise and certificate cannot be."""
+        known = {each.feature for each in self.features}
+        covers = {name for view in self.views for each in view.exposures for name in each.covers}
+        if unknown := covers - known:
+            return f"an exposure covers {min(unknown)!r}, which is none of the features"
+        promise, proof = self.promise, self.certificate
+        most = len(known) + _CLOSE
+        if not (0.0 <= promise.expected_covered <= most and 0.0 <= promise.expected_misses <= most):
+            return f"of {len(known)} features no such number can be expected: {promise}"
+        chances = promise.chance_of_all, promise.chance_of_all_if_independent
+        if min(chances) < 0.0 or max(chances) > 1.0 + _CLOSE:
+            return f"a chance lies between 0 and 1, got {promise}"
+        if min(proof.objective, proof.bound, proof.gap, proof.seconds) < 0.0:
+            return f"a certificate's numbers are 0 or more, got {proof}"
+        wishes = [each for each in (self.budget, self.expected_misses) if each is not None]
+        return (
+            f"budget and expected misses are 0 or more, got {wishes}"
+            if any(each < 0.0 for each in wishes)
+            else ""
+        )
 
     def _exposure_fault(self, exposure: PlannedExposure) -> str:
         limits, ms = self.limits, exposure.exposure_ms

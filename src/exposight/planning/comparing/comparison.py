@@ -7,6 +7,7 @@ intervals are those of other views: by bootstrap over the views.
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
@@ -60,6 +61,13 @@ class Comparison:
     sweep: str
     sweep_sha256: str
     about: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        keys = Counter((each.strategy, each.view) for each in self.outcomes)
+        if keys and keys.most_common(1)[0][1] > 1:
+            strategy, view = keys.most_common(1)[0][0]
+            msg = f"strategy {strategy!r} has two outcomes in view {view!r}"
+            raise InputError(msg)
 
     @property
     def scores(self) -> pl.DataFrame:

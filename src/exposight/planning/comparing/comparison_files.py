@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from exposight.errors import FormatError, InputError
 from exposight.files import DocumentFormat, csv_of, make_folder, read_text, write_durably
 from exposight.planning.comparing.comparison import Comparison
 from exposight.planning.comparing.view_outcomes import ViewOutcome
@@ -62,9 +63,13 @@ def read_comparison(path: str | Path) -> Comparison:
     path = Path(path)
     path = path / RESULTS if path.is_dir() else path
     results = _FORMAT.from_json(read_text(path, "file of results"), str(path))
-    return Comparison(
-        outcomes=results.outcomes,
-        sweep=results.sweep,
-        sweep_sha256=results.sweep_sha256,
-        about=results.about,
-    )
+    try:
+        return Comparison(
+            outcomes=results.outcomes,
+            sweep=results.sweep,
+            sweep_sha256=results.sweep_sha256,
+            about=results.about,
+        )
+    except InputError as error:
+        msg = f"{path}: {error}"
+        raise FormatError(msg) from error

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from exposight.errors import InputError
 from exposight.planning.comparing.strategies import MeasuringCosts, Trial
 from exposight.planning.comparing.strategies.rehearsal import time_ms
 
@@ -58,6 +59,25 @@ class ViewOutcome:
     promise_loss: float = 0.0
     chances: int = 0
     chance_loss: float = 0.0
+
+    def __post_init__(self) -> None:
+        counts = (self.had, self.kept, self.promises, self.chances)
+        sums = (self.time_s, self.promised, self.promise_loss, self.chance_loss)
+        times = (*self.captures_ms, *self.trial_images_ms)
+        # Sums of chances are rounded.
+        if (
+            min(*counts, *sums) < 0
+            or self.had > self.coverable
+            or self.kept > self.promises
+            or self.promised > self.promises * (1.0 + 1e-9)
+            or min(times, default=1.0) <= 0.0
+        ):
+            msg = (
+                f"outcome of {self.strategy!r} in view {self.view!r}: counts and sums are 0 or "
+                "more, no more features are had than can be or were promised, and exposure times "
+                f"lie above 0 ms; got {self}"
+            )
+            raise InputError(msg)
 
     @classmethod
     def of(
