@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from tests.conftest import HOLES, _plate, _thickened
 from tests.end_to_end.conftest import plate, plate_capture, plate_sensor
+from tests.end_to_end.test_reproduce import FEATURES, observation
 
 from exposight.cell import (
     CampaignFolder,
@@ -23,6 +24,7 @@ from exposight.cell import (
 )
 from exposight.geometry import RigidTransform
 from exposight.imaging import AxisCoding, GrayCode, PatternSequence, sequence_to_toml
+from exposight.observing import ObservationTable
 from exposight.plans import DepthPlane, MeasuringPlan, PoseList, write_plan
 from exposight.twin import export_scene
 
@@ -189,6 +191,15 @@ def write_inputs(folder: Path) -> None:
     _call("plan", folder / "models", *words, "-o", folder / "plan.json")
     write_sheet(folder)
     _frames(folder / "frames")
+    (folder / "tables").mkdir()
+    rows = [
+        observation(number, feature, i, j, exposure_ms)
+        for number, feature in enumerate(FEATURES)
+        for i in (0, 1)
+        for j in (-1, 0, 1)
+        for exposure_ms in (6.0, 12.0, 20.0, 32.0, 50.0, 80.0)
+    ]
+    ObservationTable.from_observations(rows).write(folder / "tables" / "inside.csv")
 
 
 def _call(*words: object) -> None:
