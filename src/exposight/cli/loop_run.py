@@ -18,8 +18,8 @@ from exposight.cli.merge import merge_command
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.drivers import ReplayDriver
-from exposight.errors import FormatError, SensorError
-from exposight.files import read_text
+from exposight.errors import SensorError
+from exposight.files import parsing, read_text
 from exposight.measuring import measure_adaptively
 from exposight.measuring.adaptive import models_remark
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
@@ -194,8 +194,6 @@ def _simulated_cell(
 
 
 def _read_toml(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(read_text(path, "file of the simulated cell's settings"))
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{path} is not TOML: {error}"
-        raise FormatError(msg) from error
+    what = "file of the simulated cell's settings in TOML"
+    with parsing(path, what):
+        return tomllib.loads(read_text(path, what))

@@ -31,8 +31,8 @@ from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 
-from exposight.errors import FormatError, ImageError, did_you_mean
-from exposight.files import read_text, validate
+from exposight.errors import ImageError, did_you_mean
+from exposight.files import parsing, read_text, validate
 from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.sequences import AxisCoding, PatternSequence
 
@@ -126,12 +126,10 @@ def read_sequence(path: str | Path) -> PatternSequence:
         If it is not TOML, a key is unknown, missing or of the wrong type, or the pieces do not
         fit together.
     """
-    try:
-        raw = tomllib.loads(read_text(Path(path), "pattern sequence in TOML"))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        msg = f"{path}: not TOML: {error}"
-        raise FormatError(msg) from error
-    return validate(PatternSequence, raw, str(path))
+    what = "pattern sequence in TOML"
+    with parsing(path, what):
+        raw = tomllib.loads(read_text(Path(path), what))
+        return validate(PatternSequence, raw, str(path))
 
 
 def sequence_named_or_read(name_or_path: str | Path) -> PatternSequence:

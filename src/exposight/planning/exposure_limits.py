@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, preset_name
 from exposight.errors import FormatError, InputError, SensorError, did_you_mean
-from exposight.files import read_text, validate
+from exposight.files import parsing, read_text, validate
 from exposight.tables import number
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -319,11 +319,8 @@ class CaptureCosts:
 
 
 def _read(text: str, source: str) -> Mapping[str, ExposureLimits]:
-    try:
+    with parsing(source, "file of exposure limits in TOML"):
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{source} is not TOML: {error}"
-        raise FormatError(msg) from error
     out = {}
     for key, table in raw.items():
         if not isinstance(table, dict):

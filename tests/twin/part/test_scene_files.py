@@ -296,7 +296,7 @@ def test_no_scene_is_said_to_be_none(folder, name):
         ("mesh = []", "key 'mesh' must name"),
         ('mesh = "x.stl"\nunits = "mm"', "key 'units' is unknown"),
         ('mesh = "x.stl"\nunit = "ft"', "key 'unit': expected 'mm', 'cm', 'm' or 'inch'"),
-        ("mesh = ", "not TOML"),
+        ("mesh = ", "not a readable scene in TOML"),
     ],
 )
 def test_a_document_that_is_wrong_is_refused(folder, text, message):

@@ -13,12 +13,15 @@ import tomllib
 import zipfile
 import zlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import yaml
 
+from exposight.errors import FormatError
+from exposight.files import parse_apart
 from exposight.geometry.calibrations.printed_values import (
     DEEPEST,
     LARGEST_BYTES,
@@ -27,6 +30,8 @@ from exposight.geometry.calibrations.printed_values import (
     parse_text,
     settled,
 )
+
+_MAT_PARSER = Path(__file__).with_name("mat_parser.py")
 
 
 def parse_tree(data: bytes, suffix: str) -> Tree:
@@ -251,9 +256,6 @@ def _of_numpy(value: Any, depth: int = 0) -> Tree:
 
 def parse_mat(data: bytes) -> Tree:
     """Return the variables of a .mat file up to version 7; structures are maps."""
-    # scipy takes a tenth of a second to import, and few calibrations are MATLAB's.
-    from scipy.io import loadmat
-
     place, unpacked = 128, 0
     order = "little" if data[126:128] == b"IM" else "big"
     while place + 8 <= len(data):
@@ -265,8 +267,17 @@ def parse_mat(data: bytes) -> Tree:
             unpacked += len(piece.decompress(packed, 4 * LARGEST_BYTES))
             _check_unpacked(unpacked)
         place += 8 + length
-    content = loadmat(io.BytesIO(data), simplify_cells=True)
-    return {name: _of_numpy(value) for name, value in content.items() if not name.startswith("__")}
+    try:
+        arrays = parse_apart(_MAT_PARSER, data, source="it", what="MATLAB file", seconds=30.0)
+    except FormatError as error:
+        raise SyntaxFault(str(error)) from error
+    return _of_described(json.loads(str(arrays["tree"])), arrays)
+
+
+def _of_described(node: Any, arrays: Mapping[str, Any]) -> Tree:
+    if isinstance(node, dict):
+        return {name: _of_described(each, arrays) for name, each in node.items()}
+    return _of_numpy(arrays[f"array{node}"])
 
 
 def _check_unpacked(size: int) -> None:

@@ -20,7 +20,7 @@ from exposight.cell import (
     write_sensor,
 )
 from exposight.errors import FormatError, InputError, MissingFileError
-from exposight.files import DocumentFormat, make_folder, read_text, write_durably
+from exposight.files import DocumentFormat, make_folder, parsing, read_text, write_durably
 from exposight.geometry.meshes.triangle_meshes import (
     MESH_SUFFIXES,
     join_meshes,
@@ -158,12 +158,8 @@ def _meshes_in(folder: Path) -> list[Path]:
 
 
 def _read_document(path: Path) -> SceneDocument:
-    try:
-        raw = tomllib.loads(read_text(path, "scene in TOML"))
-    except (ValueError, RecursionError) as error:
-        msg = f"{path}: not TOML: {error}"
-        raise FormatError(msg) from error
-    return SCENE_FORMAT.from_dict(raw, str(path))
+    with parsing(path, "scene in TOML"):
+        return SCENE_FORMAT.from_dict(tomllib.loads(read_text(path, "scene in TOML")), str(path))
 
 
 def read_scene(path: Path) -> Scene:
