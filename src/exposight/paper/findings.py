@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
-from typing import Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -250,7 +250,7 @@ def _far_over_nearer(study: StudyResult, _: SensorKind) -> float | None:
 
 def _left_over_right(study: StudyResult, _: SensorKind) -> float:
     model = study.variant("e_k6").model
-    values = {"i_avg": 75.0, "z_mm": 0.0, "w_deg": 0.0, "p_deg": 0.0}
+    values: dict[str, Any] = {"i_avg": 75.0, "z_mm": 0.0, "w_deg": 0.0, "p_deg": 0.0}
 
     def mean_ms(x_mm: float) -> float:
         prediction = model.predict(**values, x_mm=x_mm, y_mm=np.array([-100.0, 0.0, 100.0]))

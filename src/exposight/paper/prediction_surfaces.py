@@ -1,6 +1,7 @@
 """Predictions over the sensor's x-y plane, at three depths and three brightnesses."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,8 @@ def prediction_surfaces(
     i_grid, z_grid, y_grid, x_grid = np.meshgrid(grey, z, y, x, indexing="ij")
     grids = {"i_avg": i_grid, "z_mm": z_grid, "y_mm": y_grid, "x_mm": x_grid}
     square = np.zeros_like(i_grid)  # the w and p of a squarely facing sensor
-    prediction = model.predict(**{name: grids.get(name, square).ravel() for name in names})
+    columns: dict[str, Any] = {name: grids.get(name, square).ravel() for name in names}
+    prediction = model.predict(**columns)
     return PredictionSurfaces(
         variant=variant,
         target=model.target,

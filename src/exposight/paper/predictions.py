@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,8 +157,8 @@ def _target(model: GaussianProcessModel, curve: ObservedCurve) -> NDArray[np.flo
 
 def _inputs(
     model: GaussianProcessModel, curve: ObservedCurve, grey: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Return a model's inputs by name for one pose and several grey levels."""
+) -> dict[str, Any]:
+    """Return a model's inputs by name for one pose and several grey levels, as arrays."""
     constant = {
         "x_mm": curve.x_mm,
         "y_mm": curve.y_mm,
