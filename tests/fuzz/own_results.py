@@ -289,6 +289,7 @@ def _comparison_is_wrong(comparison: Comparison) -> str:
             return f"counts {counts}, sums {losses}"
         if each.promised > each.promises or min((*each.captures_ms, 1.0)) <= 0:
             return f"{each.promised} promised of {each.promises}"
+    _ = comparison.scores
     with tempfile.TemporaryDirectory() as folder:
         write_comparison(comparison, folder)
         if repr(read_comparison(folder).outcomes) != repr(comparison.outcomes):

@@ -68,6 +68,14 @@ class Comparison:
             strategy, view = keys.most_common(1)[0][0]
             msg = f"strategy {strategy!r} has two outcomes in view {view!r}"
             raise InputError(msg)
+        views = list(dict.fromkeys(each.view for each in self.outcomes))
+        for name in {ORACLE, *self.strategies} if self.outcomes else ():
+            if [each.view for each in self.outcomes if each.strategy == name] != views:
+                msg = (
+                    f"a comparison needs an outcome of strategy {name!r} in each of its "
+                    f"{len(views)} views, in their order"
+                )
+                raise InputError(msg)
 
     @property
     def scores(self) -> pl.DataFrame:
