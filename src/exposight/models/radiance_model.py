@@ -435,6 +435,6 @@ class _Content:
     features: tuple[str, ...]
     views: tuple[str, ...]
     widening: tuple[_Factor, _Factor]
-    black_level: Annotated[float, Field(ge=0.0, le=GREY_MAX)]
+    black_level: Annotated[float, Field(gt=-GREY_MAX, le=GREY_MAX)]  # it is extrapolated
     black_level_known: bool
     origin: Origin
