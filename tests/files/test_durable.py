@@ -313,3 +313,18 @@ def test_devices_and_files_without_end_are_not_read(tmp_path):
         file.truncate(LARGEST_FILE + 1)
     with pytest.raises(FileError, match="may have up to"):
         read_bytes(path, "sensor file")
+
+
+def test_pieces_are_written_like_a_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "table.csv"
+    write_durably(path, (piece for piece in (b"a\n", b"b\n")))
+    assert path.read_bytes() == b"a\nb\n"
+
+    def broken():
+        yield b"c\n"
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        write_durably(path, broken())
+    assert path.read_bytes() == b"a\nb\n"
+    assert list(tmp_path.iterdir()) == [path]

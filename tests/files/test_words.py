@@ -9,7 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exposight.errors import FormatError
-from exposight.files import check_plain, csv_of, guarded, spelled, unguarded, without_guards
+from exposight.files import (
+    check_plain,
+    csv_of,
+    csv_pieces,
+    guarded,
+    spelled,
+    unguarded,
+    without_guards,
+)
 
 texts = st.text(st.sampled_from("=+-@'\t\ra1.e \"") | st.characters(exclude_categories=["C"]))
 
@@ -43,3 +51,12 @@ def test_a_control_character_is_named(character):
     assert spelled(character) in str(refused.value)
     assert character not in str(refused.value)
     assert check_plain("Bohrung 1 – ø 😀", "the view") == "Bohrung 1 – ø 😀"
+
+
+def test_a_long_table_in_pieces_is_the_whole():
+    frame = pl.DataFrame({"x": range(120_001), "name": ["=a"] * 120_001})
+    pieces = list(csv_pieces(frame))
+    assert len(pieces) == 3
+    plain = pl.read_csv(io.BytesIO(b"".join(pieces)))
+    assert without_guards(plain).equals(frame)
+    assert list(csv_pieces(frame.head(0))) == [b"x,name\n"]

@@ -11,7 +11,7 @@ from exposight.cli.app import UsageError
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError, InputError, did_you_mean
-from exposight.files import csv_of, write_durably
+from exposight.files import csv_pieces, write_durably
 from exposight.models import I_AVG_MIN, Prediction, Predictor, load_model, unit_remarks
 from exposight.observing import SCHEMA, read_inputs
 from exposight.quantities import quantity
@@ -82,7 +82,7 @@ def predict_command(
         few = table.height <= _FEW_ROWS
         frame, prediction = _predicted(model, table, ignore_progress if few else progress)
     if output is not None:
-        write_durably(output, csv_of(frame))
+        write_durably(output, csv_pieces(frame))
     known = int(frame["known"].sum())
     low, middle, high = np.percentile(prediction.mean, [0, 50, 100]).tolist()
     return Result(

@@ -52,4 +52,12 @@ from exposight.files.text_tables.columns import (
     unit_hint,
 )
 from exposight.files.text_tables.dialects import TextTable, parse_table, read_table
-from exposight.files.words import check_plain, csv_of, guarded, spelled, unguarded, without_guards
+from exposight.files.words import (
+    check_plain,
+    csv_of,
+    csv_pieces,
+    guarded,
+    spelled,
+    unguarded,
+    without_guards,
+)

@@ -20,7 +20,7 @@ import shutil
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -40,7 +40,7 @@ _DAY_S = 86400.0
 _logger = logging.getLogger(__name__)
 
 
-def write_durably(path: Path, data: bytes) -> None:
+def write_durably(path: Path, data: bytes | Iterable[bytes]) -> None:
     """Write a file so that it is either the old one or the whole new one, never half of it.
 
     Parameters
@@ -48,8 +48,8 @@ def write_durably(path: Path, data: bytes) -> None:
     path : Path
         The file; its folder must exist. An existing file is replaced; of a symbolic link the file
         that it points to.
-    data : bytes
-        The whole content of the file.
+    data : bytes or iterable of bytes
+        The whole content of the file, or its pieces.
 
     Raises
     ------
@@ -62,7 +62,11 @@ def write_durably(path: Path, data: bytes) -> None:
     try:
         _sweep_dead(path.parent)
         with _unfinished(path.parent, Path.touch) as unfinished:
-            unfinished.write_bytes(data)
+            if isinstance(data, bytes):
+                unfinished.write_bytes(data)
+            else:
+                with unfinished.open("wb") as file:
+                    file.writelines(data)
             _sync(unfinished)
             unfinished.replace(path)
             _sync_folder(path.parent)

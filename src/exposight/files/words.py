@@ -6,11 +6,13 @@ exposight writes an apostrophe before such a text and takes it off again when it
 
 import io
 import re
+from collections.abc import Iterator
 
 import polars as pl
 
 from exposight.errors import FormatError
 
+_PIECE_ROWS = 50_000
 _FORMULA = r"^'*[=+\-@\t\r]"
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?$"
 _begins_formula, _is_number = re.compile(_FORMULA), re.compile(_NUMBER)
@@ -32,6 +34,19 @@ def csv_of(frame: pl.DataFrame, *, separator: str = ",", header: bool = True) ->
     header : bool
         Whether the names of the columns are the first line.
     """
+    return b"".join(csv_pieces(frame, separator=separator, header=header))
+
+
+def csv_pieces(
+    frame: pl.DataFrame, *, separator: str = ",", header: bool = True
+) -> Iterator[bytes]:
+    """Yield what `csv_of` returns in pieces, which take less memory than the whole."""
+    for first in range(0, max(frame.height, 1), _PIECE_ROWS):
+        rows = frame.slice(first, _PIECE_ROWS)
+        yield _piece(rows, separator=separator, header=header and first == 0)
+
+
+def _piece(frame: pl.DataFrame, *, separator: str, header: bool) -> bytes:
     texts = pl.col(pl.String)
     formulas = texts.str.contains(_FORMULA) & ~texts.str.contains(_NUMBER)
     safe = frame.with_columns(pl.when(formulas).then("'" + texts).otherwise(texts).name.keep())
