@@ -171,6 +171,7 @@ def test_the_simulated_cell_takes_settings_of_a_file_and_by_name(
         "sensor": sheet_plan.sensor.name,
         "views": (view,),
         "features": (feature,),
+        "promise": replace(exposure_plan.promise, expected_covered=0.9, expected_misses=0.1),
     }
     write_exposure_plan(path, replace(exposure_plan, limits=limits, **changes))
     cell.write_text(f'scene = "{scene}"\n', "utf-8")
