@@ -270,8 +270,8 @@ def observe_figures() -> list[Figure]:
 
 
 def write_campaign(folder: Path, captures: int) -> None:
-    """Write captures of a plate with twelve marked points, in 320 by 240 pixels."""
-    camera = PinholeCamera(width=320, height=240, fx=800.0, fy=800.0, cx=159.5, cy=119.5)
+    """Write captures of a plate with six marked points, in 160 by 120 pixels."""
+    camera = PinholeCamera(width=160, height=120, fx=400.0, fy=400.0, cx=79.5, cy=59.5)
     sensor = ActiveSensor(
         name="small",
         cameras=(camera,),
@@ -281,19 +281,19 @@ def write_campaign(folder: Path, captures: int) -> None:
         exposure=ExposureRange(min_ms=1.0, max_ms=1000.0, increment_ms=1.0),
         working_distance_mm=(400.0, 800.0),
     )
-    places = [(25.0 * (i % 4) - 37.5, 25.0 * (i // 4) - 25.0, 0.0) for i in range(12)]
+    places = [(40.0 * (i % 3) - 40.0, 40.0 * (i // 3) - 20.0, 0.0) for i in range(6)]
     features = tuple(
         Feature(
             name=f"f{i}",
             kind="surface_point",
             part_from_feature=RigidTransform(translation_mm=np.array(place)),
-            radius_mm=5.0,
+            radius_mm=10.0,
         )
         for i, place in enumerate(places)
     )
     part = Part(name="plate", features=features)
     rng = np.random.default_rng(1)
-    rays = np.concatenate([camera.rays(), np.ones((240, 320, 1))], axis=-1)[::2, ::2]
+    rays = np.concatenate([camera.rays(), np.ones((120, 160, 1))], axis=-1)
     with CampaignWriter.open_or_create(folder, name="many", sensor=sensor, part=part) as writer:
         for number in range(captures):
             view, step = divmod(number, CAPTURES // _VIEWS)
@@ -307,7 +307,7 @@ def write_campaign(folder: Path, captures: int) -> None:
                 Capture(
                     view=f"v{view}",
                     exposure_ms=10.0 + step,
-                    image=np.full((240, 320), 60 + 10 * step, dtype=np.uint8),
+                    image=np.full((120, 160), 60 + 10 * step, dtype=np.uint8),
                     cloud=Cloud(points=points),
                     camera_from_part=pose,
                 )

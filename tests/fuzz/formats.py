@@ -54,7 +54,7 @@ class Format:
     same : callable
         Whether two values that were read are the same.
     slow : bool
-        A mutant takes more than 0.1 s (a process of its own); a tenth as many are tried.
+        A mutant takes more than 0.1 s (a process of its own); a thirtieth as many are tried.
     """
 
     name: str

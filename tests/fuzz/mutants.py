@@ -264,6 +264,11 @@ def _peak_gb() -> float:
 # -- all of them ----------------------------------------------------------------------------------
 
 
+def share_of(format_: Format, count: int) -> int:
+    """Return how many mutants of a format are tried where there are so many of a quick one."""
+    return max(count // 30, 10) if format_.slow else count
+
+
 def find_all(
     count: int, *, first: int = 0, names: Sequence[str] = (), workers: int = 2
 ) -> list[Findings]:
@@ -271,8 +276,7 @@ def find_all(
     formats = {name: each for name, each in all_formats().items() if not names or name in names}
 
     def one(format_: Format) -> Findings:
-        share = max(count // 10, 30) if format_.slow else count
-        findings = find(format_, range(first, first + share))
+        findings = find(format_, range(first, first + share_of(format_, count)))
         print(_line(findings), file=sys.stderr, flush=True)
         return findings
 
