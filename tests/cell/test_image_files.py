@@ -116,3 +116,14 @@ def test_depth_images_are_known_by_their_content(tmp_path):
     assert not is_depth_image(tmp_path / "cloud.png")
     with pytest.raises(FormatError, match="of 8 bits or in colour, hold none"):
         read_depth(written(tmp_path / "picture.png", GREY, ".png"))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pgm", ".bmp"])
+def test_damaged_images_are_said_by_us_alone(tmp_path, capfd, suffix):
+    path = written(tmp_path / "a.png", GREY, suffix)
+    data = path.read_bytes()
+    damaged = data[:-16] + bytes([data[-16] ^ 1]) + data[-15:] if suffix == ".png" else data[:-20]
+    path.write_bytes(damaged)
+    with pytest.raises(ImageError, match="cannot be read as an image"):
+        read_frames([path])
+    assert capfd.readouterr().err == ""

@@ -1,16 +1,22 @@
 """Image files by their content, whatever they are called."""
 
+import os
 import re
 import struct
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import ImageError
+
+if "OPENCV_LOG_LEVEL" not in os.environ:
+    # OpenCV tells on standard error, in C++'s words, what we say in ours.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 MOST_PIXELS = 400_000_000
 """Of an image; cameras have up to 150 million."""
@@ -101,14 +107,17 @@ def _is_whole(data: bytes) -> bool:
 
 
 def _has_whole_chunks(data: bytes) -> bool:
-    """Tell whether the chunks of a PNG, one header and no film, lie within the file."""
-    at, heads = len(_PNG), 0
+    """Tell whether a PNG's chunks, one header and no film, are there with right checksums."""
+    at, heads, view = len(_PNG), 0, memoryview(data)
     while at + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, at)
         at += 12 + length
+        body, check = view[at - 8 - length : at - 4], view[at - 4 : at]
+        if at > len(data) or crc32(body) != int.from_bytes(check, "big"):
+            return False
         heads += kind == b"IHDR"
         if kind == b"IEND":
-            return bool(heads == 1 and at <= len(data))
+            return bool(heads == 1)
         if kind in _FILM:
             return False
     return False
