@@ -158,7 +158,7 @@ def test_finishes_come_back_and_are_left_out_where_none_is_known(part):
     assert [feature.finish for feature in again] == ["primer", "", ""]
 
 
-@pytest.mark.parametrize("finish", [" bare", "a\nb"])
+@pytest.mark.parametrize("finish", [" bare", "bare "])
 def test_a_finish_is_a_name(part, finish):
-    with pytest.raises(FeatureError, match="its finish must be a printable name"):
+    with pytest.raises(FeatureError, match="its finish must be a name"):
         replace(part.features[0], finish=finish)

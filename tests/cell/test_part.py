@@ -55,9 +55,9 @@ def test_a_pockets_corners_have_no_negative_radius():
         feature(kind="pocket", radius_mm=-1.0, length_mm=20.0, width_mm=8.0)
 
 
-@pytest.mark.parametrize("name", ["", " f1", "f1\n"])
+@pytest.mark.parametrize("name", ["", " f1", "f1\u00a0"])
 def test_a_feature_needs_a_clean_name(name):
-    with pytest.raises(FeatureError, match="printable name without blanks at its ends, got"):
+    with pytest.raises(FeatureError, match="name without blanks at its ends, got"):
         feature(name)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
 from exposight.files import (
+    LARGEST_DOCUMENT,
     LARGEST_FILE,
     KeptFiles,
     durable_folder,
@@ -313,6 +314,15 @@ def test_devices_and_files_without_end_are_not_read(tmp_path):
         file.truncate(LARGEST_FILE + 1)
     with pytest.raises(FileError, match="may have up to"):
         read_bytes(path, "sensor file")
+
+
+def test_a_document_that_is_too_large_is_not_read(tmp_path):
+    path = tmp_path / "plan.toml"
+    with path.open("wb") as file:
+        file.truncate(LARGEST_DOCUMENT + 1)
+    with pytest.raises(FileError, match=r"plan may have up to 64\.0 MB"):
+        read_text(path, "plan")
+    assert len(read_bytes(path, "table")) == LARGEST_DOCUMENT + 1
 
 
 def test_pieces_are_written_like_a_whole_or_not_at_all(tmp_path):

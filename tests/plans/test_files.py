@@ -235,7 +235,7 @@ def test_a_file_of_other_bytes_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("seed = 4", "seed =", "the measuring plan is not TOML"),
+        ("seed = 4", "seed =", "the measuring plan is not a readable measuring plan in TOML"),
         ("seed = 4", "sead = 4", "key 'sead' is unknown"),
         (
             "z_tcp_mm = -165",
@@ -343,7 +343,7 @@ def test_plans_are_not_written_as_yaml(tmp_path):
     [
         ("seed: 4", "sead: 4", "the measuring plan: key 'sead' is unknown"),
         ("seed: 4", "seed: 4\nseed: 5", r"key 'seed' is there twice \(at line 10, column 1\)"),
-        ("[f1, f2]", "[f1, f2", r"not the plain YAML .*expected ',' or ']'.*line 8"),
+        ("[f1, f2]", "[f1, f2", r"plan in plain YAML.*expected ',' or ']'.*line 8"),
         ("seed: 4", "seed: 'four'", "key 'seed': expected a whole number, got \"four\""),
         ("seed: 4", "seed: 4: 5", "mapping values are not allowed here"),
         ("seed: 4", "seed:", "key 'seed': expected a whole number, got null"),
@@ -355,7 +355,7 @@ def test_plans_are_not_written_as_yaml(tmp_path):
         ("[f1, f2]", "&all [f1, f2]\nside: *all", r"alias \*all is not allowed"),
         ("features: [f1, f2]", "? [f1, f2]\n: 1", "a key must be a plain name"),
         ("# the same plan", "a: 1\n---", "expected a single document"),
-        ("# the same plan", "%YAML:1.0\n---", "not the plain YAML of a plan"),
+        ("# the same plan", "%YAML:1.0\n---", "not a readable measuring plan in plain YAML"),
         ("# the same plan", "\0", "unacceptable character"),
     ],
 )

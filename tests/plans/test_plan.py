@@ -112,7 +112,7 @@ def test_a_reference_feature_the_part_lacks_is_named(hole_part):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"name": " "}, "need printable names"),
+        ({"name": " "}, "need names without blanks"),
         ({"z_tcp_mm": NAN}, "plane 'near': z_tcp_mm must hold finite numbers"),
         ({"x_mm": []}, "plane 'near': x_mm is empty"),
         ({"y_mm": [1, 2, 1]}, "plane 'near': y_mm holds 1 twice"),

@@ -79,7 +79,7 @@ class MemoryCampaign:
     Raises
     ------
     InputError
-        If two captures have the same view and exposure time.
+        If two captures have the same view and exposure time, or the name has control characters.
     ImageError, CloudError, SensorError
         If a capture cannot be this sensor's.
     """
@@ -87,7 +87,7 @@ class MemoryCampaign:
     def __init__(
         self, *, name: str, sensor: ActiveSensor, part: Part, captures: Sequence[Capture]
     ) -> None:
-        self.name = name
+        self.name = files.check_plain(name, "the campaign", InputError)
         self.sensor = sensor
         self.part = part
         keys: set[CaptureKey] = set()
@@ -112,6 +112,9 @@ class _Description:
     part: str
     sensor_sha256: files.Checksum
     features_sha256: files.Checksum
+
+    def __post_init__(self) -> None:
+        files.check_plain(self.name, "the campaign", InputError)
 
 
 _FORMAT = files.DocumentFormat("exposight campaign", 1, _Description)
@@ -263,7 +266,8 @@ class CampaignWriter:
         Raises
         ------
         InputError
-            If the folder holds a campaign of another name, sensor or part.
+            If the folder holds a campaign of another name, sensor or part, or the name has control
+            characters.
         FormatError
             If the folder holds something else.
         FileError

@@ -104,6 +104,7 @@ class Capture:
         if not self.view.strip():
             msg = "a capture needs the name of its view, got an empty one"
             raise InputError(msg)
+        files.check_plain(self.view, "the view", InputError)
         if not (math.isfinite(self.exposure_ms) and self.exposure_ms > 0):
             msg = f"an exposure time must be above 0 ms, got {self.exposure_ms} ms"
             raise InputError(msg)
@@ -230,6 +231,9 @@ class CaptureDescription:
     brightness_source: BrightnessSource = "stripe"
     stack: StackDescription | None = None
     """Both not before version 3."""
+
+    def __post_init__(self) -> None:
+        files.check_plain(self.view, "the view", InputError)
 
     @property
     def key(self) -> CaptureKey:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from exposight.errors import FeatureError
+from exposight.files import check_plain
 from exposight.geometry import HollowCylinder, RigidTransform
 
 FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
@@ -97,12 +98,14 @@ class Feature:
     finish: str = ""
 
     def __post_init__(self) -> None:
-        if not self.name.strip() or self.name != self.name.strip() or not self.name.isprintable():
-            msg = f"a feature needs a printable name without blanks at its ends, got {self.name!r}"
+        check_plain(self.name, "the feature", FeatureError)
+        check_plain(self.finish, f"feature {self.name!r}: its finish", FeatureError)
+        if not self.name.strip() or self.name != self.name.strip():
+            msg = f"a feature needs a name without blanks at its ends, got {self.name!r}"
             raise FeatureError(msg)
-        if self.finish != self.finish.strip() or not self.finish.isprintable():
+        if self.finish != self.finish.strip():
             msg = (
-                f"feature {self.name!r}: its finish must be a printable name without blanks at its "
+                f"feature {self.name!r}: its finish must be a name without blanks at its "
                 f"ends, or empty, got {self.finish!r}"
             )
             raise FeatureError(msg)
@@ -168,6 +171,7 @@ class Part:
         if not self.name.strip():
             msg = "a part needs a name, got an empty one"
             raise FeatureError(msg)
+        check_plain(self.name, "the part", FeatureError)
         if not self.features:
             msg = f"part {self.name!r} has no feature; at least one is needed to measure anything"
             raise FeatureError(msg)

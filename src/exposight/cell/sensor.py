@@ -30,7 +30,7 @@ from pydantic import Field
 from exposight.contradictions import Contradiction, settle
 from exposight.contradictions.rigs import axes_crossing, baseline
 from exposight.errors import SensorError, did_you_mean
-from exposight.files import DocumentFormat, StoredAs, read_text, write_durably
+from exposight.files import DocumentFormat, StoredAs, check_plain, read_text, write_durably
 from exposight.geometry import PinholeCamera, RigidTransform
 
 _Row = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
@@ -158,6 +158,7 @@ class ActiveSensor:
     def _fault(self) -> str:
         if not self.name.strip():
             return "a sensor needs a name"
+        check_plain(self.name, "the sensor", SensorError)
         if not self.cameras or len(self.cameras) != len(self.first_from_camera):
             return (
                 "a sensor needs at least one camera and a pose for each, got "

@@ -12,6 +12,7 @@ from exposight.cell import ActiveSensor, Part, read_features
 from exposight.cli.app import UsageError
 from exposight.cli.measure import plan_from
 from exposight.errors import FeatureError, InputError
+from exposight.files import spelled
 from exposight.geometry import RigidTransform
 from exposight.measuring.record import PLAN_FILE
 from exposight.observing import View, Visibility, open_campaign, read_observations
@@ -171,7 +172,7 @@ def _of_plan(source: str, features: Path | None) -> CandidateViews:
     folder = None if source in PLANS else Path(source).parent
     simulated = dict(plan.simulated)
     if features is not None:
-        part = Part(name=features.stem, features=read_features(features))
+        part = Part(name=spelled(features.stem), features=read_features(features))
     else:
         settings = SimulatedCellSettings.of_plan(plan, folder)
         part = scene_at(settings.scene, settings.finishes).part_with_finishes()

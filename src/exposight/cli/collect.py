@@ -15,7 +15,7 @@ from exposight.cli.capture_options import CaptureOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError, PoseError
-from exposight.files import recognised
+from exposight.files import recognised, spelled
 from exposight.geometry import (
     RigidTransform,
     camera_from_part_of,
@@ -171,7 +171,9 @@ def collect_command(
         Go on although this check found a contradiction (docs/contradictions.md); may be repeated.
     """
     found = cell.find_recordings(folder, name=name, cloud_name=cloud_name)
-    part = cell.Part(name=part_name or features.stem, features=cell.read_features(features))
+    part = cell.Part(
+        name=part_name or spelled(features.stem), features=cell.read_features(features)
+    )
     poses, other_poses = views.read()
     settings = CollectSettings(
         sensor=cell.sensor_named_or_read(sensor),

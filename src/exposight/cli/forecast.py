@@ -15,6 +15,7 @@ from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.contradictions import settle
 from exposight.errors import InputError, did_you_mean
+from exposight.files import spelled
 from exposight.geometry import RigidTransform
 from exposight.models import P_NORM_MIN
 from exposight.observing import (
@@ -110,7 +111,7 @@ class ViewOptions(PoseOptions):
         if self.view is not None:
             msg = "--view names a view of a --campaign; without one give a pose, such as --pose"
             raise UsageError(msg)
-        part = Part(name=self.features.stem, features=read_features(self.features))
+        part = Part(name=spelled(self.features.stem), features=read_features(self.features))
         sensor = sensor_named_or_read(self.sensor)
         view = View.of(part, sensor, self._pose(part, sensor))
         # such a file does not tell the part's name, by which models know its features

@@ -1,6 +1,5 @@
 """An exposure plan carried out by a driver, as ``exposight measure`` is told."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.drivers import ReplayDriver
 from exposight.errors import SensorError
-from exposight.files import parsing, read_text
+from exposight.files import parse_toml, read_text
 from exposight.measuring import measure_adaptively
 from exposight.measuring.adaptive import models_remark
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
@@ -195,5 +194,4 @@ def _simulated_cell(
 
 def _read_toml(path: Path) -> Mapping[str, Any]:
     what = "file of the simulated cell's settings in TOML"
-    with parsing(path, what):
-        return tomllib.loads(read_text(path, what))
+    return parse_toml(read_text(path, what), path, what)

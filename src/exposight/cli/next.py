@@ -12,6 +12,7 @@ from exposight.cell import ActiveSensor, CampaignFolder, Part, read_features, se
 from exposight.cli.app import UsageError
 from exposight.cli.result import Result, fact
 from exposight.errors import FileError, MissingFileError
+from exposight.files import spelled
 from exposight.geometry import RigidTransform
 from exposight.measuring import LoopState, LoopStep, loop_step
 from exposight.measuring.adaptive import models_remark
@@ -71,7 +72,7 @@ class BeginOptions:
         if self.campaign is not None or self.sensor is None or self.features is None:
             msg = "a new loop needs either --campaign, or both --sensor and --features"
             raise UsageError(msg)
-        part = Part(name=name or self.features.stem, features=read_features(self.features))
+        part = Part(name=name or spelled(self.features.stem), features=read_features(self.features))
         return part, sensor_named_or_read(self.sensor)
 
 

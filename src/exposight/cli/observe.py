@@ -15,6 +15,7 @@ from exposight.cli.pose import PoseOptions
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FormatError
+from exposight.files import spelled
 from exposight.observing import ObservationTable, observe_campaign
 from exposight.tables import Column, Table, count
 
@@ -78,9 +79,11 @@ class SingleCapture(PoseOptions, CaptureOptions):
             raise UsageError(self._missing())
         sensor = cell.sensor_named_or_read(self.sensor)
         form = self.form
-        part = cell.Part(name=self.features.stem, features=cell.read_features(self.features))
+        part = cell.Part(
+            name=spelled(self.features.stem), features=cell.read_features(self.features)
+        )
         capture = cell.Capture(
-            view=self.image.stem,
+            view=spelled(self.image.stem),
             exposure_ms=self.exposure_ms,
             image=form.image(self.image),
             cloud=form.cloud(self.cloud, sensor),

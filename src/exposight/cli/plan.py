@@ -16,6 +16,7 @@ from exposight.cli.candidate_views import CandidateViews, candidate_views, is_pl
 from exposight.cli.exposure_options import ExposureOptions
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
+from exposight.files import spelled
 from exposight.models import P_NORM_MIN
 from exposight.planning import (
     CONFIDENCE,
@@ -86,7 +87,7 @@ class PlannedViewOptions:
         if sensor is None:
             msg = "the models name no sensor: give --sensor"
             raise UsageError(msg)
-        part = Part(name=self.features.stem, features=read_features(self.features))
+        part = Part(name=spelled(self.features.stem), features=read_features(self.features))
         return auto_candidate_views(part, sensor, auto, progress)
 
 

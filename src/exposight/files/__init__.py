@@ -18,6 +18,7 @@ from exposight.files.documents import (
     validate,
 )
 from exposight.files.durable import (
+    LARGEST_DOCUMENT,
     LARGEST_FILE,
     WRITER_LOCK,
     KeptFiles,
@@ -52,6 +53,7 @@ from exposight.files.text_tables.columns import (
     unit_hint,
 )
 from exposight.files.text_tables.dialects import TextTable, parse_table, read_table
+from exposight.files.toml_documents import parse_toml
 from exposight.files.words import (
     check_plain,
     csv_of,

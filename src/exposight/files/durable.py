@@ -35,6 +35,8 @@ _UNFINISHED = re.compile(r"\.(?:[0-9a-f]{8}-|.+\.)[0-9a-f]{8}\.unfinished")
 """Temporary names: machine and chance; of earlier versions final name and chance."""
 LARGEST_FILE = 8 * 2**30
 """Bytes; a file is read as a whole."""
+LARGEST_DOCUMENT = 64_000_000
+"""Bytes of a plan, a scene, settings: parsed they take some 50 times that. None comes near."""
 _DAY_S = 86400.0
 """Where a lock does not tell, what has not changed for so long has no writer any more."""
 _logger = logging.getLogger(__name__)
@@ -262,7 +264,7 @@ def sha256_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def read_bytes(path: Path, what: str) -> bytes:
+def read_bytes(path: Path, what: str, *, largest: int | None = None) -> bytes:
     """Return the content of a file.
 
     Parameters
@@ -271,6 +273,8 @@ def read_bytes(path: Path, what: str) -> bytes:
         The file.
     what : str
         What it is, for messages.
+    largest : int, bytes, optional
+        No larger file is read; `LARGEST_FILE` by default.
 
     Raises
     ------
@@ -279,16 +283,17 @@ def read_bytes(path: Path, what: str) -> bytes:
     FileError
         If the disk refuses, it is a device, which has no end, or larger than `LARGEST_FILE`.
     """
+    largest = LARGEST_FILE if largest is None else largest
     try:
         with Path(path).open("rb") as file:
             kind, size = os.fstat(file.fileno())[stat.ST_MODE], os.fstat(file.fileno()).st_size
             if stat.S_ISCHR(kind) or stat.S_ISBLK(kind):
                 msg = f"{path} is a device, no {what}"
                 raise FileError(msg)
-            if size > LARGEST_FILE:
+            if size > largest:
                 msg = (
-                    f"{path} has {size / 1e9:.1f} GB; a {what} may have up to "
-                    f"{LARGEST_FILE / 1e9:.1f} GB: give a part of it"
+                    f"{path} has {size / 1e6:.1f} MB; a {what} may have up to "
+                    f"{largest / 1e6:.1f} MB: give a part of it"
                 )
                 raise FileError(msg)
             return file.read()
@@ -301,17 +306,17 @@ def read_bytes(path: Path, what: str) -> bytes:
 
 
 def read_text(path: Path, what: str) -> str:
-    """Return the content of a text file in UTF-8; see `read_bytes`.
+    """Return the content of a document in UTF-8; see `read_bytes`.
 
     Raises
     ------
     FormatError
         If it is not UTF-8 text.
     MissingFileError, FileError
-        As `read_bytes`.
+        As `read_bytes`; no document is larger than `LARGEST_DOCUMENT`.
     """
     try:
-        return read_bytes(path, what).decode("utf-8-sig")
+        return read_bytes(path, what, largest=LARGEST_DOCUMENT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         msg = f"{path} is not UTF-8 text; expected a {what}"
         raise FormatError(msg) from error

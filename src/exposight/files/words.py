@@ -10,16 +10,15 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from exposight.errors import FormatError
+from exposight.errors import ExposightError, FormatError
 
 _PIECE_ROWS = 50_000
 _FORMULA = r"^'*[=+\-@\t\r]"
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?$"
 _begins_formula, _is_number = re.compile(_FORMULA), re.compile(_NUMBER)
 
-_TURNING = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_TURNING = "\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"  # and what ends lines
 _CONTROL = f"[\\x00-\\x1f\\x7f-\\x9f{_TURNING}]"
-_control = re.compile(_CONTROL)
 _UNREADABLE = re.compile(f"[\\x00-\\x1f\\x7f-\\x9f{_TURNING}\ud800-\udfff]")
 
 
@@ -86,21 +85,31 @@ def spelled(text: str) -> str:
     return _UNREADABLE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def check_plain(name: str, what: str) -> str:
+def check_plain(name: str, what: str, error: type[ExposightError] = FormatError) -> str:
     r"""Return a name that has no control characters, nor such that turn the writing round.
+
+    Halves of characters are none either: no file in UTF-8 can hold them.
+
+    Parameters
+    ----------
+    name : str
+    what : str
+        What it names, for messages: ``the view``.
+    error : type
+        What is raised, where a value has errors of its own kind.
 
     Raises
     ------
     FormatError
         If it has one, which the message spells: ``\x1b``.
     """
-    found = _control.search(name)
+    found = _UNREADABLE.search(name)
     if found:
         msg = (
             f"{what} '{spelled(name)}' holds the control character {spelled(found[0])}, which "
             "terminals and pages obey; leave it out"
         )
-        raise FormatError(msg)
+        raise error(msg)
     return name
 
 

@@ -25,14 +25,13 @@ docs/formats.md describes every key.
 """
 
 import json
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 
 from exposight.errors import ImageError, did_you_mean
-from exposight.files import parsing, read_text, validate
+from exposight.files import parse_toml, read_text, validate
 from exposight.imaging.codings import Fringe, GrayCode
 from exposight.imaging.sequences import AxisCoding, PatternSequence
 
@@ -127,9 +126,8 @@ def read_sequence(path: str | Path) -> PatternSequence:
         fit together.
     """
     what = "pattern sequence in TOML"
-    with parsing(path, what):
-        raw = tomllib.loads(read_text(Path(path), what))
-        return validate(PatternSequence, raw, str(path))
+    raw = parse_toml(read_text(Path(path), what), path, what)
+    return validate(PatternSequence, raw, str(path))
 
 
 def sequence_named_or_read(name_or_path: str | Path) -> PatternSequence:

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from exposight.cell import BitDepth
 from exposight.errors import ImageError
+from exposight.files import check_plain
 from exposight.imaging.codings import FrameNumber, Fringe, GrayCode
 from exposight.imaging.frame_files import Alignment, Channel
 from exposight.imaging.frames import check_saturation_level
@@ -168,6 +169,7 @@ class PatternSequence:
     grey_noise: Annotated[float, Field(gt=0, lt=255)] | None = None
 
     def __post_init__(self) -> None:
+        check_plain(self.name, "the pattern sequence", ImageError)
         check_saturation_level(self.saturation_level, self.bit_depth)
         self.response()  # refuses what is none
         check_gamma(self.projector_gamma, "projector_gamma")

@@ -7,7 +7,6 @@ chosen inside a window, never rounded to the nearest one, which may lie outside.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, preset_name
 from exposight.errors import FormatError, InputError, SensorError, did_you_mean
-from exposight.files import parsing, read_text, validate
+from exposight.files import check_plain, parse_toml, read_text, validate
 from exposight.tables import number
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -89,6 +88,7 @@ class ExposureLimits:
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
+        check_plain(self.name, "the sensor", SensorError)
         fault = self._fault()
         if fault:
             msg = f"exposure limits of {self.name!r}: {fault}"
@@ -319,8 +319,7 @@ class CaptureCosts:
 
 
 def _read(text: str, source: str) -> Mapping[str, ExposureLimits]:
-    with parsing(source, "file of exposure limits in TOML"):
-        raw = tomllib.loads(text)
+    raw = parse_toml(text, source, "file of exposure limits in TOML")
     out = {}
     for key, table in raw.items():
         if not isinstance(table, dict):

@@ -11,7 +11,7 @@ import polars as pl
 
 from exposight.cell import ActiveSensor, StoredPose
 from exposight.errors import InputError, SensorError, did_you_mean
-from exposight.files import Checksum, DocumentFormat, read_text, write_durably
+from exposight.files import Checksum, DocumentFormat, check_plain, read_text, write_durably
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits
 from exposight.planning.outlook import FeatureOutlook, PlannedExposure
 from exposight.planning.outlook_table import failures, outlook_frame, outlook_table
@@ -49,6 +49,9 @@ class PlanView:
     name: str
     camera_from_part: StoredPose | None
     exposures: tuple[PlannedExposure, ...]
+
+    def __post_init__(self) -> None:
+        check_plain(self.name, "the view", InputError)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,6 @@ In TOML; YAML has the same keys::
 
 import json
 import logging
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from itertools import chain, product
@@ -48,7 +47,7 @@ from exposight.cell import (
     write_sensor,
 )
 from exposight.errors import FormatError, InputError
-from exposight.files import check_header, read_text, validate, write_durably
+from exposight.files import check_header, parse_toml, parsing, read_text, validate, write_durably
 from exposight.plans import positions
 from exposight.plans.plain_yaml import load_yaml
 from exposight.plans.plan import MeasuringPlan
@@ -158,17 +157,13 @@ def plan_from_text(
     FormatError, VersionError
         As for `read_plan`.
     """
-    parse, name = (
-        (tomllib.loads, "TOML") if language == "toml" else (load_yaml, "the plain YAML of a plan")
-    )
-    try:
-        raw: object = parse(text)
-    except RecursionError as error:
-        msg = f"{source} is not {name}: it is nested too deeply"
-        raise FormatError(msg) from error
-    except ValueError as error:  # broken, or a number of thousands of digits
-        msg = f"{source} is not {name}: {error}"
-        raise FormatError(msg) from error
+    what = "measuring plan in TOML" if language == "toml" else "measuring plan in plain YAML"
+    with parsing(source, what):
+        try:
+            raw = parse_toml(text, source, what) if language == "toml" else load_yaml(text)
+        except ValueError as error:  # broken, or a number of thousands of digits
+            msg = f"{source} is not a readable {what}: {error}"
+            raise FormatError(msg) from error
     return _plan(raw, source, folder or Path())
 
 

@@ -60,6 +60,10 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile("^$"), [""])
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_decimal)
 
 
+_LONGEST = 400_000
+"""Characters: PyYAML takes 20 s for a million, and TOML is read a hundred times as fast."""
+
+
 def load_yaml(text: str) -> object:
     """Return the data in one YAML document.
 
@@ -68,6 +72,9 @@ def load_yaml(text: str) -> object:
     ValueError
         If it is none, with the line.
     """
+    if len(text) > _LONGEST:
+        msg = f"it has {len(text)} characters, and may have {_LONGEST}; write it in TOML"
+        raise ValueError(msg)
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:

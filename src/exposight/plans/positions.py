@@ -17,6 +17,7 @@ import numpy as np
 
 from exposight.cell import ActiveSensor
 from exposight.errors import InputError
+from exposight.files import check_plain
 from exposight.geometry import RigidTransform
 
 _Value = TypeVar("_Value", str, float, tuple[float, ...])
@@ -254,10 +255,11 @@ def check_name(name: str) -> None:
     Raises
     ------
     InputError
-        If it is empty, has blanks at its ends, or cannot be printed.
+        If it is empty, has blanks at its ends or control characters.
     """
-    if not name.strip() or name != name.strip() or not name.isprintable():
-        msg = f"plans and planes need printable names without blanks at their ends, got {name!r}"
+    check_plain(name, "the plan or group of views", InputError)
+    if not name.strip() or name != name.strip():
+        msg = f"plans and planes need names without blanks at their ends, got {name!r}"
         raise InputError(msg)
 
 

@@ -9,7 +9,6 @@ printed matrix, become arrays; what the names mean is left to others.
 import io
 import json
 import re
-import tomllib
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ import numpy as np
 import yaml
 
 from exposight.errors import FormatError
-from exposight.files import parse_apart
+from exposight.files import parse_apart, parse_toml
 from exposight.geometry.calibrations.printed_values import (
     DEEPEST,
     LARGEST_BYTES,
@@ -80,7 +79,7 @@ def _parsed(data: bytes, suffix: str) -> Tree:
         except SyntaxFault:
             return _yaml_or_text(text)
     if suffix == ".toml":
-        return settled(tomllib.loads(text), "matrix")
+        return settled(parse_toml(text, "the file", "calibration in TOML"), "matrix")
     if text.startswith("# oST") or suffix in {".ini", ".csv"}:
         return parse_text(text)
     return _yaml_or_text(text)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from exposight.compiled import njit
 from exposight.errors import InputError, did_you_mean
+from exposight.files import check_plain
 from exposight.twin.part.surfaces import SURFACES, Surface
 
 Point = tuple[float, float, float]
@@ -84,7 +85,7 @@ class Finishes:
     Raises
     ------
     InputError
-        If a colour is not written as ``#rrggbb``.
+        If a colour is not written as ``#rrggbb``, or a surface's name has control characters.
     """
 
     surfaces: Mapping[str, Surface] = field(default_factory=dict, hash=False)
@@ -93,6 +94,8 @@ class Finishes:
     zones: tuple[Zone, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in self.surfaces:
+            check_plain(name, "the surface", InputError)
         for colour in self.colours:
             if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
                 msg = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +19,15 @@ from exposight.cell import (
     write_sensor,
 )
 from exposight.errors import FormatError, InputError, MissingFileError
-from exposight.files import DocumentFormat, make_folder, parsing, read_text, write_durably
+from exposight.files import (
+    LARGEST_DOCUMENT,
+    DocumentFormat,
+    make_folder,
+    parse_toml,
+    read_text,
+    spelled,
+    write_durably,
+)
 from exposight.geometry.meshes.triangle_meshes import (
     MESH_SUFFIXES,
     join_meshes,
@@ -95,7 +102,8 @@ def is_scene(path: Path) -> bool:
         )
     suffix = path.suffix.lower()
     if suffix == ".toml" and path.is_file():
-        return SCENE_FORMAT.name in path.read_text("utf-8", errors="replace")
+        small = path.stat().st_size <= LARGEST_DOCUMENT
+        return small and SCENE_FORMAT.name in path.read_text("utf-8", errors="replace")
     return suffix in MESH_SUFFIXES and suffix != ".ply"
 
 
@@ -158,8 +166,8 @@ def _meshes_in(folder: Path) -> list[Path]:
 
 
 def _read_document(path: Path) -> SceneDocument:
-    with parsing(path, "scene in TOML"):
-        return SCENE_FORMAT.from_dict(tomllib.loads(read_text(path, "scene in TOML")), str(path))
+    raw = parse_toml(read_text(path, "scene in TOML"), path, "scene in TOML")
+    return SCENE_FORMAT.from_dict(raw, str(path))
 
 
 def read_scene(path: Path) -> Scene:
@@ -191,7 +199,7 @@ def read_scene(path: Path) -> Scene:
         face_finish=bare if mesh.finish is None else mesh.finish,
         surfaces=document.check_names(),
         part=Part(
-            name=document.name or first.stem,
+            name=document.name or spelled(first.stem),
             features=read_features(folder / str(document.features)),
         ),
         n_obstacle_faces=sum(len(mesh.faces) for mesh in obstacles),
