@@ -19,10 +19,10 @@ from exposight.cli.measure import plan_summary
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.errors import FeatureError, first_ten
-from exposight.files import spelled
+from exposight.files import spelled as spelled_name
 from exposight.geometry.meshes.mesh_holes import FoundHoles, Opening, find_holes
 from exposight.geometry.meshes.mesh_mending import mend_mesh
-from exposight.geometry.meshes.triangle_meshes import Mesh, read_part_mesh
+from exposight.geometry.meshes.triangle_meshes import Mesh, read_part_mesh, spelled
 from exposight.planning.viewing.viewpoints import candidate_views
 from exposight.plans import MeasuringPlan, PoseList, write_plan
 from exposight.plans.positions import logarithmic_exposures
@@ -155,7 +155,9 @@ def part_command(
         search = _sheets_turned(search, holes)
         found, notes, unlisted = _features(search, mended.mesh, holes, mesh)
         notes = [*mended.notes, *search.notes, *notes]
-        part = Part(name=name or spelled(mesh.stem), features=tuple(each.feature for each in found))
+        part = Part(
+            name=name or spelled_name(mesh.stem), features=tuple(each.feature for each in found)
+        )
         scene = _scene(mended.mesh, part, finishes)
         names = exported_files(scene, with_sensor=chosen_sensor is not None)
         files = [Written.at(output / file, kind, inputs=[mesh]) for kind, file in names.items()]
