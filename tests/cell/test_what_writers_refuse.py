@@ -191,3 +191,13 @@ def test_a_cloud_that_no_writer_packs_is_refused(folder, change, tmp_path):
     put_in(folder, name, (tmp_path / "cloud.npz").read_bytes())
     with pytest.raises(FormatError, match=r"cloud\.npz"):
         list(CampaignFolder(folder).captures())
+
+
+@pytest.mark.parametrize("length", [b"\x7f\xff\xff\xff", b"\0\0\0\0"])
+def test_an_image_whose_chunks_do_not_fit_is_refused_before_it_is_decoded(folder, length):
+    name = "captures/000000/image.png"
+    data = (folder / name).read_bytes()
+    at = data.index(b"IDAT")
+    put_in(folder, name, data[: at - 4] + length + data[at:])
+    with pytest.raises(FormatError, match=r"image\.png: cannot be read as an image"):
+        CampaignFolder(folder).capture(0)

@@ -1,6 +1,5 @@
 """A capture: what a sensor delivered at one view with one exposure time, and its folder on disk."""
 
-import io
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -9,14 +8,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from exposight import files
 from exposight.cell.cloud import Cloud
+from exposight.cell.cloud_archive import cloud_from_npz, npz_of
 from exposight.cell.image import GREY_MAX, Image, full_scale, png_bytes, read_only
+from exposight.cell.image_files import decoded_image
 from exposight.cell.sensor import ActiveSensor, StoredPose
 from exposight.cell.stack_images import BrightnessSource, StackImages, check_source
 from exposight.errors import CloudError, FormatError, ImageError, InputError
@@ -27,11 +27,6 @@ _DESCRIPTION, _IMAGE, _CLOUD = _FILES = ("capture.json", "image.png", "cloud.npz
 _STACK_FILES = {name: f"{name}.png" for name in ("mean", "maximum", "modulation")}
 
 _PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
-
-_MOST_PIXELS = 2**28
-"""Of an image, where nobody says which size it must have."""
-
-_MOST_POINTS = 10**8
 
 _FILE_NAME = "[A-Za-z0-9][A-Za-z0-9._-]*"
 """Never a path into another folder."""
@@ -270,7 +265,7 @@ def write_capture(folder: Path, capture: Capture) -> None:
     """
     contents = {**capture.attachments, _IMAGE: png_bytes(capture.image)}
     if capture.cloud is not None:
-        contents[_CLOUD] = _npz(capture.cloud)
+        contents[_CLOUD] = npz_of(capture.cloud)
     if capture.stack is not None:
         images = capture.stack.images()
         contents |= {_STACK_FILES[name]: png_bytes(image) for name, image in images.items()}
@@ -340,7 +335,7 @@ def read_capture(folder: Path, sensor: ActiveSensor | None = None) -> Capture:
             image = _read_image(folder / _IMAGE, description.image_sha256, size)
             cloud = None
             if description.cloud_sha256 is not None:
-                cloud = _cloud_from_npz(
+                cloud = cloud_from_npz(
                     _verified(folder / _CLOUD, description.cloud_sha256), folder / _CLOUD
                 )
         capture = Capture(
@@ -404,86 +399,16 @@ def _read_stack(
 def _read_image(path: Path, sha256: str, size: tuple[int, int] | None) -> Image:
     """Decode a PNG image whose header says that it is grey, and of the size it must have."""
     data = _verified(path, sha256)
-    if data[:16] != _PNG_HEAD or len(data) < 33 or data[25] != 0:
+    if data[:16] != _PNG_HEAD or data[25:26] != b"\0":
         msg = f"{path} is no PNG image of grey levels"
         raise FormatError(msg)
     columns, rows = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-    if (size is not None and (rows, columns) != size) or rows * columns > _MOST_PIXELS:
-        expected = f"{_MOST_PIXELS} pixels" if size is None else f"{size[0]} × {size[1]}"
+    if size is not None and size != (rows, columns):
         msg = (
             f"{path} is an image of {rows} rows × {columns} columns, where the sensor's have "
-            f"{expected}; it is turned, or another sensor's"
+            f"{size[0]} × {size[1]}; it is turned, or another sensor's"
         )
         raise FormatError(msg)
-    with files.parsing(path, "PNG image"):
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        msg = f"{path} is no PNG image that can be read"
-        raise FormatError(msg)
+    image = decoded_image(data, path)
     image.setflags(write=False)  # so that `Capture`, which checks it, needs no copy
     return cast("Image", image)
-
-
-def _npz(cloud: Cloud) -> bytes:
-    """Pack a cloud as its shape, its valid bits and its valid points: missing points cost a bit."""
-    buffer = io.BytesIO()
-    arrays = {
-        "shape": np.array(cloud.valid.shape, dtype=np.int64),
-        "valid": np.packbits(cloud.valid),
-        "points": cloud.valid_points,
-    }
-    if cloud.sigma_z_mm is not None:
-        arrays["sigma_z_mm"] = cloud.sigma_z_mm[cloud.valid]
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
-
-
-def _cloud_from_npz(data: bytes, path: Path) -> Cloud:
-    what = "cloud of a capture"
-    # It is not compressed, so it holds no more than its bytes.
-    arrays = files.read_arrays(data, path, what, most_bytes=len(data))
-    with files.parsing(path, what):
-        try:
-            return _unpacked_cloud(**arrays)
-        except (CloudError, TypeError) as error:
-            msg = f"{path} is no {what} ({error}); expected shape, valid bits and points"
-            raise FormatError(msg) from error
-
-
-def _unpacked_cloud(
-    *,
-    shape: NDArray[Any],
-    valid: NDArray[Any],
-    points: NDArray[Any],
-    sigma_z_mm: NDArray[Any] | None = None,
-) -> Cloud:
-    """Return what `_npz` packed, checked as strictly as it packs."""
-    size = tuple(shape.tolist()) if shape.ndim == 1 and shape.dtype.kind in "iu" else ()
-    count = math.prod(size)
-    if len(size) not in {1, 2} or min(size) < 0 or count > _MOST_POINTS:
-        msg = f"its shape is {shape.tolist()}; clouds have up to {_MOST_POINTS} points"
-        raise CloudError(msg)
-    if valid.dtype != np.uint8 or valid.shape != (-(-count // 8),):
-        msg = f"{count} points need as many valid bits, got {valid.dtype} of shape {valid.shape}"
-        raise CloudError(msg)
-    is_there = np.unpackbits(valid, count=count).astype(bool)
-    n_valid = int(np.count_nonzero(is_there))
-    for name, array, wanted in (
-        ("points", points, (n_valid, 3)),
-        ("sigma_z_mm", sigma_z_mm, (n_valid,)),
-    ):
-        if array is not None and (array.shape != wanted or array.dtype != np.float32):
-            msg = f"{name} must be float32 of shape {wanted}, got {array.dtype} of {array.shape}"
-            raise CloudError(msg)
-    placed = np.full((count, 3), np.nan, dtype=np.float32)
-    placed[is_there] = points
-    sigma = None
-    if sigma_z_mm is not None:
-        sigma = np.full(count, np.nan, dtype=np.float32)
-        sigma[is_there] = sigma_z_mm
-        sigma = sigma.reshape(size)
-    cloud = Cloud(points=placed.reshape(*size, 3), sigma_z_mm=sigma)
-    if cloud.n_valid != n_valid:
-        msg = f"{n_valid} points are said to be there, and {cloud.n_valid} are points"
-        raise CloudError(msg)
-    return cloud

@@ -18,6 +18,7 @@ from exposight.compiled import njit
 from exposight.errors import ImageError, SensorError
 from exposight.geometry.poses import check_points
 
+_MOST_PX = 65_535
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # the lengths OpenCV knows
 
 
@@ -59,6 +60,9 @@ class PinholeCamera:
         size = (self.width, self.height)
         if not all(np.isfinite(n) and n == int(n) and n >= 1 for n in size):
             msg = f"an image size must be whole and positive, got {size[0]} × {size[1]} px"
+            raise SensorError(msg)
+        if max(size) > _MOST_PX:
+            msg = f"images have up to {_MOST_PX} px on a side, got {size[0]} × {size[1]} px"
             raise SensorError(msg)
         numbers = (self.fx, self.fy, self.cx, self.cy, self.skew, *self.distortion)
         if not np.isfinite(numbers).all():
