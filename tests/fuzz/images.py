@@ -6,6 +6,7 @@ import math
 import re
 import struct
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from random import Random
 from zlib import compress, crc32
@@ -87,10 +88,15 @@ def _png_bomb(data: bytes, random: Random) -> bytes:
     return _png([(b"IHDR", head), *chunks[1:]])
 
 
+@cache
+def _packed_zeros() -> bytes:
+    return compress(bytes(50_000_000))
+
+
 def _png_flat(data: bytes, _: Random) -> bytes:
     """Hold what it announces, half a gigapixel of zeros, in a few hundred kilobytes."""
     head = struct.pack(">II", 500_000_000, 1) + _chunks(data)[0][1][8:]
-    return _png([(b"IHDR", head), (b"IDAT", compress(bytes(50_000_000))), (b"IEND", b"")])
+    return _png([(b"IHDR", head), (b"IDAT", _packed_zeros()), (b"IEND", b"")])
 
 
 _PNG_FAULTS: dict[str, Fault] = {
