@@ -46,6 +46,12 @@ def test_sizes_that_contradict_the_kind_are_refused(kind, sizes, message):
         feature(kind=kind, **sizes)
 
 
+def test_a_feature_lies_within_a_kilometre():
+    far = RigidTransform(translation_mm=np.array([0.0, -2e6, 0.0]))
+    with pytest.raises(FeatureError, match="is its unit mm"):
+        Feature(name="f1", kind="hole", part_from_feature=far, radius_mm=5.0)
+
+
 def test_a_pocket_may_have_sharp_corners():
     assert feature(kind="pocket", radius_mm=0.0, length_mm=20.0, width_mm=8.0).radius_mm == 0
 

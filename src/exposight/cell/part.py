@@ -17,6 +17,9 @@ from exposight.geometry import HollowCylinder, RigidTransform
 
 FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
 
+_FURTHEST_MM = 1e6
+"""Coordinates and sizes reach so far, as those of observations do."""
+
 SPHERE_CAP_DEG = 45.0
 """Half angle of the cap that a sphere is measured by.
 
@@ -85,8 +88,8 @@ class Feature:
     Raises
     ------
     FeatureError
-        If the kind is unknown, a size is missing, not finite or not positive, or the sizes
-        contradict each other. The message names the feature.
+        If the kind is unknown, a size is missing, not finite or not positive, the sizes contradict
+        each other, or a coordinate or size is beyond a kilometre. The message names the feature.
     """
 
     name: str
@@ -133,6 +136,13 @@ class Feature:
                 return f"a {self.kind} has no {column}, got {value:g}; leave it empty"
             if rule.has_length and (value is None or not math.isfinite(value) or value <= 0):
                 return f"a {self.kind} needs a {column} above 0 mm, got {value}"
+        place = map(abs, self.part_from_feature.translation_mm)
+        furthest = max(*place, self.radius_mm, self.length_mm or 0.0, self.width_mm or 0.0)
+        if furthest > _FURTHEST_MM:
+            return (
+                f"its place and sizes must lie within {_FURTHEST_MM:g} mm, a kilometre, got "
+                f"{furthest:g}; is its unit mm?"
+            )
         return rule.fault(self)
 
     def measured_region(self, tolerance: RingTolerance = PAPER_TOLERANCE) -> HollowCylinder:
