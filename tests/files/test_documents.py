@@ -2,9 +2,10 @@
 
 import codecs
 import json
+import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
@@ -158,7 +159,7 @@ def test_a_changed_byte_in_a_sealed_document_is_noticed():
         ('{"a": NaN}', "key 'a': expected a finite number, got nan"),
         ('{"a": -Infinity}', "key 'a': expected a finite number, got -inf"),
         ('{"a": 1e999}', "key 'a': expected a finite number, got inf"),
-        ('{"a": [[1, NaN]]}', "a list holds nan"),
+        ('{"a": [[1, NaN]]}', "it holds nan"),
         ('{"a": ' + "9" * 400 + "}", "400 digits"),
         ('{"a": ' + "9" * 5000 + "}", "5000 digits"),
         ('{"a": ' * 150 + "1" + "}" * 150, "nested too deeply"),
@@ -189,3 +190,14 @@ def test_whatever_a_record_raises_names_the_file():
     for count in (1, 10**350):
         with pytest.raises(FormatError, match=r"^odd\.json"):
             validate(Odd, {"count": count}, "odd.json")
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_numbers_that_are_none_are_refused_where_any_value_goes(number):
+    @dataclass(frozen=True)
+    class Settings:
+        simulated: dict[str, Any]
+
+    with pytest.raises(FormatError, match="expected finite numbers"):
+        validate(Settings, {"simulated": {"lamp": [number]}}, "plan")
+    assert validate(Settings, {"simulated": {"lamp": "NaN"}}, "plan").simulated == {"lamp": "NaN"}

@@ -71,7 +71,7 @@ class Format:
 
 def all_formats() -> dict[str, Format]:
     """Return all formats by their names."""
-    from tests.fuzz import clouds, images, meshes, own_files, own_results, text_files
+    from tests.fuzz import clouds, images, meshes, own_files, own_results, plans, text_files
 
     rooms: Iterable[Sequence[Format]] = (
         clouds.FORMATS,
@@ -79,6 +79,7 @@ def all_formats() -> dict[str, Format]:
         meshes.FORMATS,
         own_files.FORMATS,
         own_results.FORMATS,
+        plans.FORMATS,
         text_files.FORMATS,
     )
     return {each.name: each for room in rooms for each in room}

@@ -393,3 +393,39 @@ def test_a_value_beyond_all_measure_is_refused(language, nested):
     key = "features = " if language == "toml" else "features: "
     with pytest.raises(FormatError, match=r"nested too deeply|digits"):
         plan_from_text(key + nested, language)
+
+
+_PLANE = """
+[[planes]]
+name = "a"
+z_tcp_mm = 0
+x_mm = {x_mm}
+y_mm = [0]
+exposures_ms = {exposures_ms}
+turns_deg = {turns_deg}
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"exposures_ms": "[1e5]"}, "takes exposure times from"),
+        ({"exposures_ms": "[1e9]"}, "up to an hour"),
+        ({"turns_deg": "{ " + ", ".join(
+            f"{axis} = {{ first = 0, last = 9, count = 1000 }}" for axis in ("w_deg", "p_deg")
+        ) + " }"}, "1000000 turns at each position"),
+        (
+            {
+                "x_mm": "{ first = 0, last = 99, count = 1000 }",
+                "turns_deg": "{ w_deg = { first = 0, last = 9, count = 1000 }, p_deg = [0, 1] }",
+            },
+            "2000000 captures",
+        ),
+    ],
+)  # fmt: skip
+def test_a_plan_is_read_only_where_it_can_be_measured(change, message):
+    values = {"x_mm": "[0]", "exposures_ms": "[10]", "turns_deg": "[[0, 0, 0]]", **change}
+    head = 'format = "exposight measuring plan"\nversion = 3\nname = "p"\nreference = "f1"\n'
+    head += 'sensor = "comet-pro-ae"\nfeatures = ["f1"]\n'
+    with pytest.raises(FormatError, match=message):
+        plan_from_text(head + _PLANE.format(**values))

@@ -179,6 +179,8 @@ def validate(record: type[_Record], raw: Mapping[str, Any], source: str) -> _Rec
         except InputError as error:  # what the record itself refuses
             msg = f"{source}: {error}"
             raise FormatError(msg) from error
+        if "NaN" in text or "Infinity" in text:  # where a record takes any value
+            _check_values(json.loads(text), source)
     return cast("_Record", value)
 
 
@@ -259,7 +261,7 @@ def _check_values(raw: object, source: str) -> None:
         values = [each.values() if isinstance(each, dict) else each for each in level]
         inner = [each for of_one in values for each in of_one]
         if unbounded := [e for e in inner if isinstance(e, float) and not math.isfinite(e)]:
-            msg = f"{source}: a list holds {unbounded[0]}; expected finite numbers"
+            msg = f"{source}: it holds {unbounded[0]}; expected finite numbers"
             raise FormatError(msg)
         level = [each for each in inner if isinstance(each, dict | list)]
         depth += 1

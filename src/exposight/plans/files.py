@@ -69,6 +69,9 @@ _LONGEST = 1000
 """Numbers in one list: more is a slip of the pen."""
 
 
+_MOST_TURNS = 10_000
+"""All combinations of the angles about three axes."""
+
 _Count = Annotated[int, Field(ge=2, le=_LONGEST)]
 
 
@@ -191,6 +194,11 @@ def _plan(raw: object, source: str, folder: Path) -> MeasuringPlan:
         raise FormatError(msg) from error
     table["sensor"] = _content(sensor)
     plan = replace(validate(MeasuringPlan, table, source), sensor=sensor)
+    try:
+        plan.check_exposures()
+    except InputError as error:
+        msg = f"{source}: {error}"
+        raise FormatError(msg) from error
     for remark in filter(None, (poses.remark for poses in plan.poses)):
         logger.warning("%s: %s", source, remark)
     return plan
@@ -239,6 +247,12 @@ def _write_out(group: dict[str, Any], sensor: ActiveSensor, place: str) -> None:
         angles, place_of_turns = dict(group["turns_deg"]), f"{place}.turns_deg"
         _write_out_even(angles, positions.TURN_AXES, place_of_turns)
         turns = validate(_Turns, angles, place_of_turns)
+        count = len(turns.w_deg) * len(turns.p_deg) * len(turns.r_deg)
+        if count > _MOST_TURNS:
+            msg = (
+                f"{place_of_turns}: {count} turns at each position, and there may be {_MOST_TURNS}"
+            )
+            raise FormatError(msg)
         group["turns_deg"] = list(product(turns.w_deg, turns.p_deg, turns.r_deg))
     if isinstance(group.get("exposures_ms"), dict):
         steps = validate(_Logarithmic, group["exposures_ms"], f"{place}.exposures_ms")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exposight.cell import ActiveSensor, Feature, Part
 from exposight.errors import FeatureError, InputError, SensorError
+from exposight.files import check_plain
 from exposight.geometry import RigidTransform
 from exposight.observing import Visibility, view_features
 from exposight.plans import positions
@@ -24,6 +25,9 @@ Side = Literal["inside", "outside"]
 
 BlindViews = Literal["refuse", "skip"]
 """What becomes of a planned position from which no feature of the plan can be seen."""
+
+_MOST_CAPTURES = 1_000_000
+"""Captures take seconds each; more is a slip of the pen, and would eat the memory."""
 
 _MAX_DRAWS = 100
 """Where one position in ten sees a feature, one view in forty thousand still fails."""
@@ -133,6 +137,8 @@ class MeasuringPlan:
                 return f"{key} must be one of {', '.join(known)}, got {value!r}"
         if not self.features:
             return "features is empty; name at least one feature that shall be observed"
+        for feature in self.features:
+            check_plain(feature, "the feature", InputError)
         twice = positions.first_twice(self.features)
         if twice is not None:
             return f"feature {twice!r} is there twice"
@@ -144,6 +150,8 @@ class MeasuringPlan:
         twice = positions.first_twice(names)
         if twice is not None:
             return f"two planes are called {twice!r}; give each a name of its own"
+        if self.n_captures > _MOST_CAPTURES:
+            return f"it has {self.n_captures} captures, and may have {_MOST_CAPTURES}"
         if self.seed < 0:
             return f"seed must be a whole number from 0 up, got {self.seed}"
         return ""
@@ -208,7 +216,14 @@ class MeasuringPlan:
         """
         return _views(self, part)
 
-    def _check_exposures(self) -> None:
+    def check_exposures(self) -> None:
+        """Check that the sensor can take every exposure time.
+
+        Raises
+        ------
+        SensorError
+            If it cannot; the message names the views.
+        """
         for group in self.groups:
             for exposure_ms in group.exposures_ms:
                 try:
@@ -225,7 +240,7 @@ def _views(plan: MeasuringPlan, part: Part) -> tuple[PlannedView, ...]:
         observed=plan.observed_part(part),
         reference=plan._feature(part, plan.reference) if plan.reference else None,
     )
-    plan._check_exposures()
+    plan.check_exposures()
     planned = [view for plane in plan.planes for view in station.on_grid(plane)]
     planned += [view for box in plan.random for view in station.at_random(box)]
     planned += [view for poses in plan.poses for view in station.at_poses(poses)]

@@ -25,6 +25,9 @@ _Value = TypeVar("_Value", str, float, tuple[float, ...])
 _POSITION, _TURN = 0x504F53, 0x5452
 """The purposes of streams of random numbers."""
 
+_LONGEST_MS = 3.6e6
+"""No exposure is longer than an hour; more is another unit."""
+
 TURN_AXES = ("w_deg", "p_deg", "r_deg")
 """Keys of a turn: about x, y and z of the TCP frame."""
 
@@ -300,12 +303,17 @@ def check_exposures(values: Sequence[float], place: str) -> tuple[float, ...]:
     Raises
     ------
     InputError
-        If it is empty, one appears twice or is not finite and above 0. The message begins with the
-        place.
+        If it is empty, one appears twice, or is not above 0 and up to an hour. The message begins
+        with the place.
     """
     exposures = _numbers(values, f"{place}: exposures_ms")
     if min(exposures) <= 0:
         msg = f"{place}: exposures_ms must all be above 0 ms, got {min(exposures):g}"
+        raise InputError(msg)
+    if max(exposures) > _LONGEST_MS:
+        msg = (
+            f"{place}: exposures_ms must be up to an hour, {_LONGEST_MS:g}, got {max(exposures):g}"
+        )
         raise InputError(msg)
     return exposures
 

@@ -22,6 +22,7 @@ from exposight.errors import FormatError, InputError, MissingFileError
 from exposight.files import (
     LARGEST_DOCUMENT,
     DocumentFormat,
+    check_plain,
     make_folder,
     parse_toml,
     read_text,
@@ -81,6 +82,7 @@ class SceneDocument(Finishes):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check_names()
+        check_plain(self.name or "", "the part", InputError)
         if not self.mesh:
             msg = "key 'mesh' must name the part's mesh"
             raise InputError(msg)
