@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exposight.cell import sensor_preset
-from exposight.errors import FormatError, MissingFileError, VersionError
+from exposight.errors import FormatError, MissingFileError, SensorError, VersionError
 from exposight.geometry import RigidTransform
 from exposight.plans import (
     PLANS,
@@ -169,7 +169,7 @@ def test_every_preset_survives_writing_and_reading(name):
 _text = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=8)
 _number = st.floats(-1e4, 1e4)
 _several = st.lists(_number, min_size=1, max_size=4, unique=True)
-_times = st.lists(st.floats(1e-3, 1e4), min_size=1, max_size=4, unique=True)
+_times = st.lists(st.floats(0.07, 18), min_size=1, max_size=4, unique=True)
 _range = st.tuples(_number, _number).filter(lambda pair: pair[0] < pair[1])
 
 
@@ -212,6 +212,13 @@ def test_any_plan_survives_writing_and_reading(name, features, plane, box, seed)
         simulated={"lighting": "III", "kinematic_share": {"a b": 0.5}},
     )
     assert plan_from_text(plan_to_toml(plan)) == plan
+
+
+def test_what_no_reader_takes_is_not_written(tmp_path):
+    box = replace(PLANS["x-out"].random[0], exposures_ms=(5e5,))
+    with pytest.raises(SensorError, match="takes exposure times from"):
+        write_plan(tmp_path / "plan.toml", replace(PLANS["x-out"], random=[box]))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_written_file_is_read(tmp_path):

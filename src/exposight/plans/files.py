@@ -315,6 +315,8 @@ def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
     ------
     FormatError
         If the file's name does not end in .toml.
+    SensorError
+        If the plan's sensor cannot take an exposure time.
     FileError
         If the disk refuses.
     """
@@ -322,6 +324,7 @@ def write_plan(path: str | Path, plan: MeasuringPlan) -> None:
     if path.suffix.lower() != ".toml":
         msg = f"{path}: plans are written in TOML; give the file a name that ends in .toml"
         raise FormatError(msg)
+    plan.check_exposures()
     document = f"{path.stem}-sensor.json"
     if preset_name(plan.sensor) is None:
         write_sensor(path.with_name(document), plan.sensor)
