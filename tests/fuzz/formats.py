@@ -71,9 +71,19 @@ class Format:
 
 def all_formats() -> dict[str, Format]:
     """Return all formats by their names."""
-    from tests.fuzz import clouds, images, meshes, own_files, own_results, plans, text_files
+    from tests.fuzz import (
+        calibrations_and_poses,
+        clouds,
+        images,
+        meshes,
+        own_files,
+        own_results,
+        plans,
+        text_files,
+    )
 
     rooms: Iterable[Sequence[Format]] = (
+        calibrations_and_poses.FORMATS,
         clouds.FORMATS,
         images.FORMATS,
         meshes.FORMATS,

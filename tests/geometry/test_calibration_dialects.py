@@ -604,7 +604,7 @@ REFUSED = {
     "v73.mat": (b"MATLAB 7.3 MAT-file" + b" " * 200, "v7"),
     "cut.mat": (matlab_file(K=K)[:150], "not a calibration"),
     "cut.npz": (archive(K=K)[:200], "not a calibration"),
-    "bomb.npz": (None, "unpacked"),
+    "bomb.npz": (None, "24000128 bytes"),
     "numbers.txt": ("1 2 3\n4 5 6\n", "no camera matrix"),
 }  # fmt: skip
 

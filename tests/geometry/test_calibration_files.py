@@ -360,7 +360,7 @@ def test_what_cannot_be_parsed_is_refused(tmp_path, content):
         ("a: 1\nProse without a key.\n", "line 2: could not find expected ':'"),
         ('<?xml version="1.0"?>\n<robot/>\n', "its root is <robot>, expected <opencv_storage>"),
         ("<opencv_storage>\n<a>1</b>\n", "line 2: mismatched tag.*"),
-        ("a: &x [1, 2]\nb: *x\n", "line 1: an alias.*"),
+        ("a: &x [1, 2]\nb: *x\n", "line 2: an alias.*"),
         ("a: {<<: {b: 1}}\n", "line 1: a merge key.*"),
         ("a: 1\na: 2\n", "the key 'a' is there twice"),
         ("<!DOCTYPE x><opencv_storage/>", "an XML file with a document type.*"),

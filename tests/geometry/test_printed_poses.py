@@ -306,3 +306,30 @@ def test_faults_of_a_table_come_all_at_once(tmp_path):
     path.write_text("name,x,y,z,rx,ry,rz\na,1,2,300,1,0,0\n")
     with pytest.raises(AmbiguousError, match="rotation vector"):
         read_named_poses(path)
+
+
+BOMB = "a: &a [1, 1, 1]\n" + "".join(
+    f"{new}: &{new} [*{old}, *{old}, *{old}, *{old}]\n"
+    for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (BOMB, "an alias"),
+        ("a: 1\nb: {<<: {x: 2}}\n", "a merge key"),
+        ("a: " + "[" * 100_000, "nested more than 30"),
+        ("".join(f"k{i}: {i}\n" for i in range(101_000)), "more than 200000"),
+        ("a:\n  t: [1, 2, 300]\n  t: [1, 2, 400]\n", "'t' is there twice"),
+        ('{"a": {"t": [1, 2, 300], "t": [1, 2, 400]}}', "'t' is there twice"),
+        ("{X 1,Y 2,Z 3,X 4,A 0,B 0,C 0}", "X twice"),
+        ("{X 1e300,Y 2,Z 3,A 0,B 0,C 0}", "within a kilometre"),
+        ("{X 1,Y 2,Z 3,A 1e300,B 0,C 0}", "an angle of 1e"),
+    ],
+)
+def test_hostile_poses_are_refused(tmp_path, text, reason):
+    path = tmp_path / "pose.yaml"
+    path.write_text(text)
+    with pytest.raises(PoseError, match=reason):
+        read_named_poses(path)

@@ -34,6 +34,7 @@ from exposight.files.durable import (
     write_durably,
 )
 from exposight.files.foreign import parse_apart, parsing
+from exposight.files.foreign_yaml import BaseLoader, SafeLoader, check_yaml
 from exposight.files.reading import (
     UNITS_MM,
     UNITS_MS,

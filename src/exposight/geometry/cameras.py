@@ -20,6 +20,9 @@ from exposight.geometry.poses import check_points
 
 _MOST_PX = 65_535
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)  # the lengths OpenCV knows
+_MOST_PIXELS = 100_000
+_LARGEST = 1e9
+"""Of focal lengths and coefficients, and 1 by it the shortest focal length, px."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +68,13 @@ class PinholeCamera:
             msg = f"images have up to {_MOST_PX} px on a side, got {size[0]} × {size[1]} px"
             raise SensorError(msg)
         numbers = (self.fx, self.fy, self.cx, self.cy, self.skew, *self.distortion)
-        if not np.isfinite(numbers).all():
-            msg = f"intrinsic parameters must be finite, got {numbers}"
+        if max(size) > _MOST_PIXELS:
+            msg = f"an image has at most {_MOST_PIXELS} px a side, got {size[0]:g} × {size[1]:g} px"
             raise SensorError(msg)
-        if self.fx <= 0 or self.fy <= 0:
+        if not np.isfinite(numbers).all() or max(map(abs, numbers)) > _LARGEST:
+            msg = f"intrinsic parameters must be finite, and at most {_LARGEST:g}, got {numbers}"
+            raise SensorError(msg)
+        if min(self.fx, self.fy) < 1.0 / _LARGEST:
             msg = f"focal lengths must be positive, got fx = {self.fx} px, fy = {self.fy} px"
             raise SensorError(msg)
         if len(self.distortion) not in _DISTORTION_LENGTHS:

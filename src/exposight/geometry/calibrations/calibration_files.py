@@ -14,6 +14,7 @@ import numpy as np
 from exposight.contradictions import settle
 from exposight.contradictions.rigs import baseline
 from exposight.errors import FormatError
+from exposight.files import parsing
 from exposight.geometry.calibrations.calibration import (
     Calibration,
     ImageKind,
@@ -130,6 +131,20 @@ def read_calibration(
         If both devices cannot stand so close or so far apart, or look away from each other where
         the inverse pose has them look at the same place.
     """
+    # Numbers that overflow are met by the checks of cameras and poses.
+    with parsing(path, "calibration"), np.errstate(all="ignore"):
+        return _read(path, more, keys, images, image_size, projector_size, second)
+
+
+def _read(
+    path: str | Path,
+    more: str | Path | None,
+    keys: CalibrationKeys | None,
+    images: ImageKind | None,
+    image_size: tuple[int, int] | None,
+    projector_size: tuple[int, int] | None,
+    second: SecondDevice | None,
+) -> Calibration:
     files = [read_calibration_nodes(each) for each in (path, more) if each is not None]
     infos = [info for file in files for info in camera_infos(file)]
     if infos and len(infos) >= len(files):

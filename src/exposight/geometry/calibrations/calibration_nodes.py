@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import islice
 from pathlib import Path
 from typing import Literal, Self, TypeAlias, get_args
 
@@ -10,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exposight.errors import AmbiguousError, FormatError, InputError, MissingFileError, did_you_mean
+from exposight.files import parsing
 from exposight.geometry.calibrations.calibration_syntax import parse_tree
 from exposight.geometry.calibrations.printed_values import (
     LARGEST_BYTES,
-    SyntaxFault,
     Tree,
     as_numbers,
 )
@@ -22,6 +23,9 @@ Node: TypeAlias = NDArray[np.float64] | float | str
 
 _MOST_SHOWN = 24
 """Nodes of a file that a message lists."""
+
+_MOST_NODES = 10_000
+"""Nodes of a file, whose names are compared with each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,16 +143,18 @@ def read_calibration_nodes(path: str | Path) -> CalibrationNodes:
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_BYTES + 1)
-        tree = parse_tree(data, path.suffix.lower())
-    except SyntaxFault as error:
+        with parsing("it", "calibration"), np.errstate(all="ignore"):
+            tree = parse_tree(data, path.suffix.lower())
+            nodes = dict(islice(_walk(tree, ""), _MOST_NODES + 1))
+    except FormatError as error:
         msg = f"{path}: not a calibration file that can be read ({error}); {expected}"
         raise FormatError(msg) from error
     except OSError as error:
         msg = f"{path}: {error.strerror or error}"
         raise FormatError(msg) from error
-    nodes = dict(_walk(tree, ""))
-    if not nodes:
-        msg = f"{path}: {expected}, found no node in it"
+    if not nodes or len(nodes) > _MOST_NODES:
+        found = f"more than {_MOST_NODES} nodes" if nodes else "no node"
+        msg = f"{path}: {expected}, found {found} in it"
         raise FormatError(msg)
     return CalibrationNodes(path=path, nodes=nodes)
 

@@ -199,9 +199,10 @@ def _is_numeric(line: str) -> bool:
 def _joined_lines(text: str) -> Iterator[str]:
     """Yield lines without comments; a printed array that begins after a name is one."""
     begun: list[str] = []
+    has_arrays = "array(" in text
     for raw in text.splitlines():
         line = raw.partition("#")[0].partition("%")[0].strip().removeprefix("//").strip()
-        if "array(" in text:
+        if has_arrays:
             line = re.sub(r"(?:np\.|numpy\.)?array\(|,\s*dtype=[\w.]+|\)\s*[,;]?$", "", line)
         begun.append(line)
         whole = "\n".join(begun)

@@ -1,17 +1,27 @@
 """Poses in texts and files of any form: matrices, programs, documents, tables, trajectories."""
 
-import io
 import json
 import re
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
 
-from exposight.errors import InputError, MissingFileError, PoseError, did_you_mean
-from exposight.files import Reading, read_bytes, reading_as, recognised
+from exposight.errors import FormatError, InputError, MissingFileError, PoseError, did_you_mean
+from exposight.files import (
+    Reading,
+    SafeLoader,
+    check_plain,
+    check_yaml,
+    parsing,
+    read_array,
+    read_bytes,
+    reading_as,
+    recognised,
+)
 from exposight.geometry.poses import RigidTransform
 from exposight.geometry.robot_poses.pose_documents import (
     document_poses,
@@ -65,6 +75,12 @@ def poses_in_text(text: str, source: str | Path, notation: str | None = None) ->
     AmbiguousError
         If two readings fit.
     """
+    # Numbers that overflow are met by the checks of poses.
+    with parsing(source, "pose"), np.errstate(all="ignore"):
+        return _found_in(text, source, notation)
+
+
+def _found_in(text: str, source: str | Path, notation: str | None) -> list[WrittenPose]:
     if notation not in {None, "printed"}:
         return poses_of_notation(str(notation), text, source)
     if not text.strip():
@@ -73,7 +89,7 @@ def poses_in_text(text: str, source: str | Path, notation: str | None = None) ->
     stripped = text.lstrip()
     if stripped[0] in "{[":
         try:
-            document = json.loads(text)
+            document = json.loads(text, object_pairs_hook=partial(_once, source), parse_int=_whole)
             found = document_poses(document, source)
         except (json.JSONDecodeError, RecursionError):
             document, found = None, []
@@ -119,22 +135,37 @@ def _key_values(text: str, source: str | Path) -> WrittenPose | None:
     return named_numbers_pose(dict(zip((key for key, _ in pairs), numbers, strict=True)), source)
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML carries no types
-    """The safe loader, which takes unknown tags for what they tag, and no aliases."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, object]] = dict(
-        yaml.SafeLoader.yaml_implicit_resolvers
-    )
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node | None:
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent):
-            problem = "aliases are not read"
-            raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
-        return super().compose_node(parent, index)
+def _once(source: str | Path, pairs: Iterable[tuple[Any, Any]]) -> dict[Any, Any]:
+    """Return a map whose keys are there once: of two values nobody knows which is meant."""
+    found: dict[Any, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            msg = f"{source}: the key {key!r} is there twice"
+            raise PoseError(msg)
+        found[key] = value
+    return found
 
 
-def _untagged(loader: _Loader, _: str, node: yaml.Node) -> object:
+def _whole(digits: str) -> float:
+    """Return a number of any length, which Python's whole ones do not have."""
+    return int(digits) if len(digits) < _DIGITS else float(digits)
+
+
+_DIGITS = 300
+
+
+class _Loader(SafeLoader):  # type: ignore[misc]  # PyYAML carries no types
+    """The safe loader, which takes unknown tags for what they tag, and each key once."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, object]] = dict(SafeLoader.yaml_implicit_resolvers)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        _once(f"line {node.start_mark.line + 1}", ((key, None) for key in keys))
+        return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
+
+
+def _untagged(loader: Any, _: str, node: yaml.Node) -> object:
     if isinstance(node, yaml.MappingNode):
         return loader.construct_mapping(node, deep=True)
     if isinstance(node, yaml.SequenceNode):
@@ -155,8 +186,12 @@ def _of_yaml(text: str, source: str | Path) -> list[WrittenPose]:
     if not re.search(r"^\s*-?\s*[\w\"'.$\[\]]+\s*:(\s|$)", text, re.MULTILINE):
         return []
     try:
+        check_yaml(text)
         documents = list(yaml.load_all(text, Loader=_Loader))
-    except (yaml.YAMLError, RecursionError, ValueError):
+    except (PoseError, FormatError) as error:
+        msg = f"{source}: {error}"
+        raise PoseError(msg) from error
+    except (yaml.YAMLError, ValueError):
         return []
     return [pose for document in documents for pose in document_poses(document, source)]
 
@@ -200,7 +235,7 @@ def read_named_poses(
         if path.is_dir():
             return _of_folder(path, notation)
         found = _poses_in(path, notation)
-    names = [pose.name for pose in found]
+    names = [check_plain(pose.name, "a pose's name") for pose in found]
     if not all(names):
         names = [name or str(number) for number, name in enumerate(names, start=1)]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -291,11 +326,12 @@ def _poses_in(path: Path, notation: str | None) -> list[WrittenPose]:
         raise PoseError(msg)
     data = read_bytes(path, "file of poses")
     try:
-        if data[:6] == b"\x93NUMPY":
-            found = _of_array(data, path)
-        else:
-            found = [] if notation else table_poses(data, path)
-            found = found or poses_in_text(_decoded(data), path, notation)
+        with parsing(path, "file of poses"), np.errstate(all="ignore"):
+            if data[:6] == b"\x93NUMPY":
+                found = _of_array(data, path)
+            else:
+                found = [] if notation else table_poses(data, path)
+                found = found or poses_in_text(_decoded(data), path, notation)
     except PoseError as error:
         if str(path) in str(error):
             raise
@@ -327,12 +363,7 @@ def _decoded(data: bytes) -> str:
 
 
 def _of_array(data: bytes, path: Path) -> list[WrittenPose]:
-    try:
-        array = np.load(io.BytesIO(data), allow_pickle=False)
-        array = np.asarray(array, dtype=np.float64)
-    except (ValueError, TypeError, EOFError, OSError) as error:
-        msg = f"{path} is no array of numbers ({error})"
-        raise PoseError(msg) from error
+    array = read_array(data, path, "file of poses").astype(np.float64)
     if array.ndim == 3 and array.shape[1:] in {(4, 4), (3, 4)}:
         return [matrix_pose(matrix, path) for matrix in array]
     if array.shape in {(4, 4), (3, 4)}:

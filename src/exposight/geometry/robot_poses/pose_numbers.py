@@ -122,6 +122,9 @@ _MOST_M = 10.0
 """No robot's arm reaches farther: such a position is in mm."""
 
 
+_MOST_DEG = 3600.0
+
+
 def checked_metres(position_m: Sequence[float], what: str) -> NDArray[np.float64]:
     """Return a position in m, within a robot's reach.
 
@@ -153,9 +156,20 @@ def radians_of(angles: Sequence[float]) -> list[float]:
 
 
 def degrees_of(angles: Sequence[float]) -> list[float]:
-    """Return angles that are in degrees unless `Reading.angle` says otherwise."""
+    """Return angles that are in degrees unless `Reading.angle` says otherwise.
+
+    Raises
+    ------
+    PoseError
+        If one turns round more than ten times.
+    """
     turn = 180.0 / math.pi if current_reading().angle == "rad" else 1.0
-    return [turn * angle for angle in angles]
+    degrees = [turn * angle for angle in angles]
+    for angle in degrees:
+        if not abs(angle) <= _MOST_DEG:
+            msg = f"an angle of {angle:g}°; angles of at most {_MOST_DEG:g}° are read"
+            raise PoseError(msg)
+    return degrees
 
 
 def angle_remark(angles: Sequence[float]) -> str:

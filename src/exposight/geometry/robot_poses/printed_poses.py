@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from exposight.errors import AmbiguousError, PoseError
@@ -25,6 +26,8 @@ from exposight.geometry.robot_poses.pose_numbers import (
     vector_radians,
 )
 
+_FARTHEST_MM = 1e6
+
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenPose:
@@ -33,6 +36,7 @@ class WrittenPose:
     Parameters
     ----------
     pose : RigidTransform
+        Within a kilometre.
     notation : str
         The `PoseNotation` of its numbers.
     name : str
@@ -48,6 +52,12 @@ class WrittenPose:
     name: str = ""
     form: str = ""
     remark: str = ""
+
+    def __post_init__(self) -> None:
+        farthest = float(np.abs(self.pose.translation_mm).max())
+        if farthest > _FARTHEST_MM:
+            msg = f"a pose {farthest:g} mm away; poses within a kilometre are read"
+            raise PoseError(msg)
 
 
 def printed_poses(text: str, source: str | Path) -> list[WrittenPose]:
@@ -148,9 +158,14 @@ def _fields(
     body: str, keys: str, source: str | Path, field: "re.Pattern[str]" = _FIELD
 ) -> list[float] | None:
     """Return the numbers of some keys in a text; None where one is not there."""
-    found = {key.upper(): word for key, word in reversed(field.findall(body))}
+    pairs = [(key.upper(), word) for key, word in field.findall(body)]
+    found = dict(pairs)
     if not all(key in found for key in keys):
         return None
+    for key, word in pairs:
+        if key in keys and word != found[key]:
+            msg = f"{source}: a pose has {key} twice, {word} and {found[key]}"
+            raise PoseError(msg)
     return numbers_of([found[key] for key in keys], source)
 
 
