@@ -197,16 +197,18 @@ class _Reader:
         at, data, must, sealed = self.mutant(number)
         sample, whole = self._samples[at], self._whole[at]
         sample.file.write_bytes(data)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            try:
                 value = self._format.read(sample.opened or sample.file)
-        except ExposightError:
-            return False, []
-        except BaseException as error:
-            return False, [("tracebacks", _described(error))]
-        finally:
-            sample.file.write_bytes(whole)
+            except ExposightError:
+                return False, _printed(warned)
+            except BaseException as error:
+                return False, [("tracebacks", _described(error))]
+            finally:
+                sample.file.write_bytes(whole)
+        if faults := _printed(warned):
+            return True, faults
         try:
             return True, [("wrongly_accepted", why) for why in self._wrong(at, value, must, sealed)]
         except Exception as error:  # a value that cannot even be looked at
@@ -239,6 +241,16 @@ class _Reader:
             yield "its bytes were changed, its checksum not, and it reads as something else"
         if why := self._format.wrong(value):
             yield why
+
+
+def _printed(warned: Sequence[warnings.WarningMessage]) -> list[tuple[str, str]]:
+    """Return warnings that a user would see in two lines between ours: a traceback, nearly."""
+    hidden = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
+    return [
+        ("tracebacks", f"{each.category.__name__} at {Path(each.filename).name}: {each.message}")
+        for each in warned
+        if not issubclass(each.category, hidden)
+    ]
 
 
 def _described(error: BaseException) -> str:
