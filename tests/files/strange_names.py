@@ -12,11 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from benchmarks.hostile_sizes import large_table
 
 from exposight.cell import (
+    CampaignFolder,
+    CampaignWriter,
     Cloud,
     Feature,
+    Part,
     read_cloud,
     read_features,
     read_sensor,
@@ -24,9 +29,12 @@ from exposight.cell import (
     write_cloud,
     write_sensor,
 )
+from exposight.cell.cloud_formats.depth_images import read_depth
 from exposight.cell.feature_lists.feature_files import write_features
 from exposight.files import write_durably
 from exposight.geometry import RigidTransform, read_calibration, read_pose
+from exposight.geometry.meshes.triangle_meshes import read_mesh
+from exposight.models import MODEL_SUFFIX, Training, load_model, model_named, save_model
 from exposight.observing import Observation, ObservationTable, read_observations
 from exposight.plans import plan_preset, read_plan, write_plan
 
@@ -89,6 +97,17 @@ def _camera(focal: float) -> str:
     )
 
 
+def _triangle(size: float) -> bytes:
+    """Return a triangle as a binary STL."""
+    corners = np.array([[0, 0, 1], [0, 0, 0], [size, 0, 0], [0, size, 0]], dtype="<f4")
+    return bytes(80) + (1).to_bytes(4, "little") + corners.tobytes() + bytes(2)
+
+
+def _png(grey: float) -> bytes:
+    image = np.full((6, 8), grey, dtype=np.uint16)
+    return bytes(cv2.imencode(".png", image)[1])
+
+
 def _text(path: Path, text: str) -> None:
     write_durably(path, text.encode())
 
@@ -145,6 +164,25 @@ def _kinds() -> Mapping[str, Kind]:
         read_calibration,
         lambda found: found if isinstance(found, str) else _camera(found.camera.fx),
     )
+    kinds["mesh"] = Kind(
+        ".stl",
+        (5.0, 7.0),
+        lambda path, size: write_durably(path, _triangle(size)),
+        lambda path: float(read_mesh(path, "mm").vertices.max()),
+    )
+    kinds["image"] = Kind(
+        ".png",
+        (500.0, 700.0),
+        lambda path, grey: write_durably(path, _png(grey)),
+        lambda path: float(read_depth(path).max()),
+    )
+    models = [
+        Training(specification=model_named(name), table=large_table(60), seed=1, restarts=1).run()
+        for name in ("q_k1", "q_k3")
+    ]
+    kinds["model"] = Kind(
+        MODEL_SUFFIX, (models[0], models[1]), save_model, load_model, lambda model: model.name
+    )
     return kinds
 
 
@@ -171,9 +209,27 @@ def fault_of(kind: Kind, name: str, folder: Path) -> str:
     return f"{changed} beside it changed" if changed else ""
 
 
+def campaign_faults() -> list[str]:
+    """Return what is wrong with campaigns in folders of strange names."""
+    faults = []
+    sensor = sensor_preset("rc-visard-65")
+    for name in (*NAMES, "x" * _LONGEST):
+        with tempfile.TemporaryDirectory() as folder:
+            for place, part in (("obs1", "decoy"), ("a", "decoy"), (name, "right")):
+                described = Part(name=part, features=(_feature("f"),))
+                with CampaignWriter.open_or_create(
+                    Path(folder) / place, name="c", sensor=sensor, part=described
+                ):
+                    pass
+            read = CampaignFolder(Path(folder) / name).part.name
+        if read != "right":
+            faults.append(f"campaign {name[:40]!a}: read back it is {read}")
+    return faults
+
+
 def strange_names_right() -> list[str]:
     """Return what is wrong with files under strange names; nothing where all is right."""
-    faults = []
+    faults = campaign_faults()
     for what, kind in _kinds().items():
         # A process of its own for each of these would take minutes.
         names = names_of(kind.suffix)
