@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from exposight.errors import PoseError
 from exposight.files import current_reading
 from exposight.geometry.poses import RigidTransform
 from exposight.geometry.robot_poses.pose_notations import (
@@ -22,6 +23,8 @@ _POSITIONS = ("position", "translation", "trans", "t", "tvec", "xyz", "location"
 _ORIENTATIONS = ("orientation", "rotation", "quaternion", "quat", "q", "rot", "r")
 _ROTATION_MATRICES = ("rotation_matrix", "rotationmatrix", "rmat", "rotation", "r", "rot")
 _VECTORS = ("rotation_vector", "rotvec", "rvec", "axis_angle", "rotationvector")
+_TURNS = ("orientation", "rotation", "quaternion", "rotation_matrix", "rotation_vector", "rotvec")
+"""Names of a rotation that nothing else has."""
 _NAMES = ("name", "view", "id", "label", "child_frame_id", "pose_name", "image")
 _ORDERED = {"wxyz": ("w", "x", "y", "z"), "xyzw": ("x", "y", "z", "w")}
 _DEEPEST = 12
@@ -57,6 +60,9 @@ def _collect(
         return
     place = f"{source}: {name}" if name else str(source)
     matrix = _matrix(data)
+    if matrix is None and _is_broken_matrix(data):
+        msg = f"{place}: a matrix of 4×4 or 3×4 numbers is expected, and some are none or missing"
+        raise PoseError(msg)
     if matrix is not None:
         pose = _scaled(matrix_pose(matrix, place), unit)
         form = f"{pose.form}, from a document" if depth else pose.form
@@ -129,6 +135,18 @@ def _matrix(data: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] |
     return np.reshape(flat, (4, 4)) if flat is not None and len(flat) == 16 else None
 
 
+def _is_broken_matrix(data: object) -> bool:
+    """Return whether some data would be a pose's matrix, were it not for a few of its numbers."""
+    if isinstance(data, Mapping):
+        return {"rows", "cols", "data"} <= {str(key) for key in data} and data["cols"] == 4
+    if not isinstance(data, list | tuple) or len(data) not in {3, 4, 5, 15, 16, 17}:
+        return False
+    if len(data) < 6:
+        fours = sum(isinstance(row, list | tuple) and len(row) == 4 for row in data)
+        return fours >= len(data) - 1  # ABB's [[x, y, z], [q1 …], [cf1 …], [e1 …]] has two
+    return sum(_numbers([each]) is not None for each in data) >= 12
+
+
 def _numbers(data: object) -> list[float] | None:
     if not isinstance(data, list | tuple) or not data:
         return None
@@ -147,7 +165,11 @@ def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> Wr
     if position_key is None:
         return None
     position, is_named = _vector(table[position_key], ("x", "y", "z"))
+    turned = [key for key in _TURNS if isinstance(table.get(key), list | tuple | Mapping)]
+    fault = f"{place}: {position_key} and {' and '.join(turned)} are no pose, numbers are missing"
     if position is None:
+        if turned:
+            raise PoseError(fault)
         return None
     said = position_key.rpartition("_")[2]
     unit = said if said in UNIT_MM and position_key != said else unit
@@ -175,6 +197,8 @@ def _of_mapping(table: Mapping[str, object], place: str, unit: str | None) -> Wr
             numbers = _numbers(value)
             if numbers is not None and len(numbers) == 3:
                 return _of_vector(position, numbers, place, unit)
+    if turned:
+        raise PoseError(fault)
     return None
 
 

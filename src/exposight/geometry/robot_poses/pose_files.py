@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -238,7 +239,7 @@ def read_named_poses(
     names = [check_plain(pose.name, "a pose's name") for pose in found]
     if not all(names):
         names = [name or str(number) for number, name in enumerate(names, start=1)]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)
     if twice:
         msg = f"{path}: {len(twice)} names are there twice: {', '.join(twice[:10])}"
         raise PoseError(msg)

@@ -57,6 +57,7 @@ _NOT_NUMBERS = re.compile(
     r"|,?\s*dtype\s*=\s*[\w.]+"
 )
 _COMMENT = re.compile(r"^\s*(?:#|%|//|!).*$", re.MULTILINE)
+_LONGEST_LINE = 2000
 _BRACKETS = str.maketrans("[](){}", "      ")
 
 
@@ -69,6 +70,8 @@ def number_rows(text: str) -> list[list[tuple[str, list[float]]]]:
     text = _COMMENT.sub("", _NOT_NUMBERS.sub(" ", text)).translate(_BRACKETS)
     lines = [line.strip().strip(",;").strip() for line in text.splitlines()]
     lines = [line for line in lines if line]
+    if any(len(line) > _LONGEST_LINE for line in lines):  # no row of numbers; it would take long
+        return []
     ways = [(_points, "point"), (_decimal_commas, "comma"), (_comma_pairs, "comma")]
     decimal = current_reading().decimal
     read: list[list[tuple[str, list[float]]]] = []

@@ -180,6 +180,10 @@ def _kuka(text: str, source: str | Path) -> list[WrittenPose]:
             continue
         line = text[text.rfind("\n", 0, match.start()) + 1 : match.start()]
         numbers = _fields(body, "XYZABC", source, _KRL_FIELD)
+        if numbers is None and len(keys & set("XYZABC")) > 3:
+            missing = ", ".join(sorted(set("XYZABC") - keys))
+            msg = f"{source}: the KUKA frame {{{body.strip()[:60]}}} has no number for {missing}"
+            raise PoseError(msg)
         if numbers is None or re.search(r"_REL\s*$", line, re.IGNORECASE):
             partial += 1
             continue
@@ -219,6 +223,9 @@ def _abb(text: str, source: str | Path) -> list[WrittenPose]:
     found = []
     for kind, name, array, value in _DATA.findall(text):
         poses = [_pair(match) for match in _PAIR.finditer(value)]
+        if not poses and value.lstrip().startswith("["):  # no call, such as Offs(…)
+            msg = f"{source}: {name} is no {kind}: expected numbers [[x,y,z],[q1,q2,q3,q4] …"
+            raise PoseError(msg)
         if kind.lower() == "wobjdata" and len(poses) == 2:
             poses = [poses[0] @ poses[1]]  # user frame, and the object frame in it
         elif kind.lower() == "tooldata":
@@ -306,6 +313,11 @@ def _fanuc_program(text: str, source: str | Path) -> list[WrittenPose]:
         first = re.split(r"\bGP[2-9]\s*:", body)[0]
         tool = re.search(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)", first)
         numbers = _fields(re.sub(r"CONFIG\s*:\s*'[^']*'", "", first), "XYZWPR", source)
+        keys = {key.upper() for key, _ in _FIELD.findall(first)} & set("XYZWPR")
+        if numbers is None and len(keys) > 2:
+            missing = ", ".join(sorted(set("XYZWPR") - keys))
+            msg = f"{source}: P[{number}] has no number for {missing}"
+            raise PoseError(msg)
         if numbers is None:
             left.append(f"P[{number}]")
             continue
