@@ -262,6 +262,14 @@ def test_a_range_grid_is_the_organised_cloud_without_its_missing_points(valid, k
     np.testing.assert_array_equal(points_from_ply(encoded(kind, header, body), PATH)[0], points)
 
 
+@pytest.mark.parametrize("end", ["", "\n", "\r\n", "\n\n"])
+def test_faces_are_no_vertices_that_are_missing(end):
+    faces = "element face 1\nproperty list uchar int vertex_indices\n"
+    data = ply(f"1 2 3\n4 5 6\n3 0 1 1{end}", vertices=3, properties=XYZ + faces)
+    with pytest.raises(DamagedFileError, match="cut off"):
+        points_from_ply(data, PATH)
+
+
 def test_text_that_ends_within_a_line_is_cut_off():
     whole = ply("1.25 2.5 3.75\n" * 6, vertices=6)
     with pytest.raises(DamagedFileError, match=r"cut off.*announces 6"):

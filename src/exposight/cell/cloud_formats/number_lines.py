@@ -31,8 +31,9 @@ def with_plain_nan(text: bytes) -> bytes:
 
 
 def lines_of(text: bytes) -> int:
-    """Return how many lines a text has at most, whatever ends them."""
-    return text.count(b"\n") + text.count(b"\r") + 1
+    """Return how many lines a text has at most, whatever ends them, without empty ones behind."""
+    text = text.rstrip()
+    return text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n") + 1
 
 
 def numbers_of_lines(
