@@ -32,6 +32,8 @@ from tests.fuzz.mutators import mutated
 from exposight.errors import ExposightError
 
 HANG_S = 10.0
+_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # noqa: PTH112
+"""Where samples lie: on a disk, writing and syncing mutants takes most of the time."""
 _ADDRESS_SPACE = 8_000_000_000
 _FAULTY_SHARE = 0.25
 """Share of the mutants that are made by a format's own faults, where it has some."""
@@ -76,7 +78,7 @@ def find(
     findings, left = Findings(format_.name), list(numbers)
     began = time.monotonic()
     while left:
-        with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        with tempfile.TemporaryDirectory(prefix="mutants-", dir=_MEMORY) as folder:
             left = _run(format_, left, Path(folder), findings, tell)
     findings.seconds = time.monotonic() - began
     return findings
@@ -98,6 +100,7 @@ def _run(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        env={**os.environ, "TMPDIR": str(folder.parent)},
     )
     lines: queue.Queue[str | None] = queue.Queue()
     errors: list[str] = []
