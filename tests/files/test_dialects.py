@@ -308,3 +308,8 @@ def test_a_table_reads_back_or_is_asked_about(
     reading = Reading(separator=str(dialect["separator"]), decimal=str(dialect["decimal"]))
     table = parse_table(data, "table.csv", header=header, reading=reading)
     np.testing.assert_array_equal(numbers(table), rows)
+
+
+def test_a_name_of_very_many_brackets_has_no_unit_and_takes_no_time():
+    wanted = [Wanted(name="y")]
+    assert match_columns(("x" + "(" * 100_000, "y"), wanted, "table.csv").keys() == {"y"}

@@ -54,15 +54,20 @@ _TRAILING = re.compile(
 )
 _SYMBOL = re.compile(r"^(.*\S)\s*([°%])$")
 
+_LONGEST = 200
+"""Characters of a name that is searched for a unit, which takes time with its square."""
+
 
 def is_bracketed(name: str) -> bool:
     """Return whether a name ends with something in brackets, which must be its unit."""
-    return _BRACKETED.match(name.strip()) is not None
+    return len(name) <= _LONGEST and _BRACKETED.match(name.strip()) is not None
 
 
 def stems_and_units(name: str) -> list[tuple[str, str]]:
     """Return how a name may be made of a stem and a unit."""
     plain = name.strip().translate(_MICRO)
+    if len(plain) > _LONGEST:
+        return []
     made = []
     for pattern in (_BRACKETED, _SYMBOL, _TRAILING):
         match = pattern.match(plain)
