@@ -340,8 +340,8 @@ def test_hostile_poses_are_refused(tmp_path, text, reason):
     [
         '{"poses": [{"pose": [[1,0,0,5],[0,1,0,6],[0,0,1,7],[0,0,0,1]]},'
         ' {"pose": [[1,0,0],[0,1,0,6],[0,0,1,7],[0,0,0,1]]}]}',
-        '{"a": {"position": [1,2,3], "rotation_vector": [0,0,0.5]},'
-        ' "b": {"position": [1,2,3], "rotation_vector": [0,"x",0.5]}}',
+        '{"a": {"position": [100,200,300], "rotation_vector": [0,0,0.5]},'
+        ' "b": {"position": [100,200,300], "rotation_vector": [0,"x",0.5]}}',
         "CONST robtarget a:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
         "CONST robtarget b:=[[1,2],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];",
         "XP1={X 1,Y 2,Z 3,A 4,B 5,C 6}\nXP2={X 1,Y 2,Z 3,A 4,B 5}",
@@ -350,7 +350,7 @@ def test_hostile_poses_are_refused(tmp_path, text, reason):
     ],
 )
 def test_one_damaged_pose_among_others_is_not_left_out(tmp_path, text):
-    path = tmp_path / "poses.txt"
+    path = tmp_path / ("poses.ls" if text.startswith("P[") else "poses.txt")
     path.write_text(text)
     with pytest.raises(PoseError):
         read_named_poses(path)
