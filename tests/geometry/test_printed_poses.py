@@ -345,12 +345,12 @@ def test_hostile_poses_are_refused(tmp_path, text, reason):
         "CONST robtarget a:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
         "CONST robtarget b:=[[1,2],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];",
         "XP1={X 1,Y 2,Z 3,A 4,B 5,C 6}\nXP2={X 1,Y 2,Z 3,A 4,B 5}",
-        "P[1]{ GP1: X = 1 mm, Y = 2 mm, Z = 3 mm, W = 4 deg, P = 5 deg, R = 6 deg };\n"
-        "P[2]{ GP1: X = 1 mm, Y = 2 mm, Z = 3 mm, W = 4 deg, P = 5 deg };",
+        "P[1]{\n GP1:\n X = 1 mm, Y = 2 mm, Z = 3 mm,\n W = 4 deg, P = 5 deg, R = 6 deg\n};\n"
+        "P[2]{\n GP1:\n X = 1 mm, Y = 2 mm, Z = 3 mm,\n W = 4 deg, P = 5 deg\n};",
     ],
 )
 def test_one_damaged_pose_among_others_is_not_left_out(tmp_path, text):
-    path = tmp_path / ("poses.ls" if text.startswith("P[") else "poses.txt")
+    path = tmp_path / "poses.txt"
     path.write_text(text)
     with pytest.raises(PoseError):
         read_named_poses(path)
