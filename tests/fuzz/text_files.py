@@ -20,7 +20,7 @@ from exposight.observing import SCHEMA, Observation, ObservationTable, read_obse
 
 _GREY = (0.0, 255.0)
 _RANGES = {
-    "exposure_ms": (1e-9, 3.6e6),
+    "exposure_ms": (1e-9, 3.6e12),  # an hour of ns, which is noticed later
     "p_norm": (0.0, 10.0),
     "x_mm": (-1e6, 1e6),
     "y_mm": (-1e6, 1e6),

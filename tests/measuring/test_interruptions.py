@@ -128,8 +128,9 @@ def test_observing_at_once_goes_on_after_kills_to_the_same_table(
     for _ in range(2):
         killed(sheet_plan, table, workers=1, after="table.csv.views/0*.csv", then_s=0.0)
     assert not table.exists()
-    there = len(list(views.glob("0*.csv")))
-    assert there >= 2
+    # What was killed before its seal was written is measured again.
+    there = sum(path.with_suffix(".sha256").is_file() for path in views.glob("0*.csv"))
+    assert there >= 1
     went_on = measure_observations(sheet_plan, cell(sheet_plan), table_path=table, progress=reports)
     assert reports[0] == (2 * there, 8)
     assert not views.exists()

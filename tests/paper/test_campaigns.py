@@ -119,14 +119,14 @@ def test_a_damaged_table_is_measured_again(
     assert "made again" in caplog.text
 
 
-def test_a_table_whose_checksum_was_not_yet_written_is_used(
+def test_a_table_whose_checksum_was_not_yet_written_is_measured_again(
     simulations: list[str], tmp_path: Path
 ) -> None:
     collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
     (seal,) = tmp_path.glob("*.sha256")
     seal.unlink()
     collect(LIGHTING, tmp_path, StudySettings(), ignore_progress)
-    assert len(simulations) == 1
+    assert len(simulations) == 2
     assert seal.is_file()
 
 

@@ -192,7 +192,8 @@ _SIZE = Range("number, 0 to 10⁶", 0.0, 1e6, "values of at least 0 mm and at mo
 _COUNT = Range("whole number from 0", 0, 2**53, "whole numbers from 0 on")
 RANGES: Mapping[str, Range] = {
     # Above 0; an hour is the longest that sensors' limits may say.
-    "exposure_ms": Range("number above 0", 1e-9, 3.6e6, "values above 0, up to an hour"),
+    # Times in ns, up to an hour, are noticed and told by those who use the table.
+    "exposure_ms": Range("number above 0", 1e-9, 3.6e12, "values above 0, up to an hour of ns"),
     # A cloud denser than the image gives more than 1; ten points a pixel are percent mistaken.
     "p_norm": Range("number, 0–1", 0.0, 10.0, _SHARE.needs, " (divide percent by 100)"),
     **dict.fromkeys(("x_mm", "y_mm", "z_mm", "diameter_error_mm"), _PLACE),

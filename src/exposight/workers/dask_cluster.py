@@ -127,7 +127,8 @@ class DaskCluster:
         if parts.scheme not in _SCHEMES or not parts.hostname or parts.port is None:
             msg = "not an address"
             raise ValueError(msg)
-        if not (self.tls or self.trusted_network or _is_this_machine(parts.hostname)):
+        secret = parts.scheme in {"tls", "wss"}
+        if not (secret or self.trusted_network or _is_this_machine(parts.hostname)):
             msg = (
                 f"the Dask scheduler {self.address} is on another machine and without TLS: whoever "
                 "reaches its port can run programs on all workers and here. Give a folder with "
@@ -135,7 +136,13 @@ class DaskCluster:
                 "(--i-trust-this-network)"
             )
             raise InputError(msg)
-        if self.tls and parts.scheme not in {"tls", "wss"}:
+        if secret and self.tls is None:
+            msg = (
+                f"the Dask scheduler {self.address} asks for certificates; give the folder with "
+                "ca.pem, cert.pem and key.pem (--cluster-tls)"
+            )
+            raise InputError(msg)
+        if self.tls and not secret:
             msg = (
                 f"the Dask scheduler {self.address} would not be asked for TLS, though there are "
                 f"certificates: expected tls://{parts.netloc}"
