@@ -26,6 +26,7 @@ from exposight.plans.files import plan_to_toml
 from exposight.plans.pose_lists import read_pose_table
 from exposight.twin.cell_settings import SimulatedCellSettings
 from exposight.twin.part.scene_files import SCENE_FORMAT, SceneDocument, find_scene
+from exposight.twin.sensors.settings import sensor_settings
 
 _LINE = re.compile(r'^(?P<key>\w+)(?P<mark> = |: )(?P<value>[^\[{"\n].*)$', re.MULTILINE)
 
@@ -356,7 +357,10 @@ def _cells(folder: Path) -> list[Sample]:
 
 
 def _read_cell(path: Path) -> SimulatedCellSettings:
-    return SimulatedCellSettings.of_plan(read_plan(path), path.parent)
+    plan = read_plan(path)
+    settings = SimulatedCellSettings.of_plan(plan, path.parent)
+    sensor_settings(plan.sensor, settings.sensor)  # as the cell does with what is the sensor's
+    return settings
 
 
 def _wrong_cell(settings: SimulatedCellSettings) -> str:

@@ -25,6 +25,7 @@ _Value = TypeVar("_Value", str, float, tuple[float, ...])
 _POSITION, _TURN = 0x504F53, 0x5452
 """The purposes of streams of random numbers."""
 
+_SHORTEST_MS = 1e-9
 _LONGEST_MS = 3.6e6
 """No exposure is longer than an hour; more is another unit."""
 
@@ -307,7 +308,7 @@ def check_exposures(values: Sequence[float], place: str) -> tuple[float, ...]:
         with the place.
     """
     exposures = _numbers(values, f"{place}: exposures_ms")
-    if min(exposures) <= 0:
+    if min(exposures) < _SHORTEST_MS:
         msg = f"{place}: exposures_ms must all be above 0 ms, got {min(exposures):g}"
         raise InputError(msg)
     if max(exposures) > _LONGEST_MS:

@@ -40,7 +40,10 @@ class Split:
             cells = list(map(_stripped, line.split(mark)))
         else:
             rows = csv.reader([line], delimiter=mark, skipinitialspace=True)
-            cells = list(map(_stripped, next(iter(rows), [])))
+            try:
+                cells = list(map(_stripped, next(iter(rows), [])))
+            except csv.Error:  # a cell of more than 131072 characters is none
+                cells = [line]
         if not self.joined or '"' in line:  # quotes tell the cells
             return cells
         while cells and not cells[-1]:
