@@ -186,7 +186,8 @@ def features_from_csv(text: str, source: Path, *, inward: bool = False) -> tuple
     FormatError, FeatureError
         As `read_features`.
     """
-    rows = list(csv.reader(io.StringIO(text, newline="")))
+    with parsing(source, "list of features"):
+        rows = list(csv.reader(io.StringIO(text, newline="")))
     header = [cell.strip() for cell in rows[0]] if rows else []
     if header != _own_columns(header):
         msg = (

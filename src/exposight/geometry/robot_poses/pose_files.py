@@ -197,7 +197,7 @@ def _of_yaml(text: str, source: str | Path) -> list[WrittenPose]:
     return [pose for document in documents for pose in document_poses(document, source)]
 
 
-_MOST_BYTES = 50_000_000
+_MOST_BYTES = 10_000_000
 _NAMED = 6
 
 
