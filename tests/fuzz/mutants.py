@@ -178,7 +178,6 @@ def _serve(name: str, folder: str) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for number in json.loads(sys.stdin.readline()):
         print(json.dumps({"begin": number}), file=out)
-        _forget_peak()
         accepted, faults = reader.judge(number)
         event = {"end": number, "accepted": accepted, "faults": faults, "peak_gb": _peak_gb()}
         print(json.dumps(event), file=out)
@@ -200,6 +199,7 @@ class _Reader:
         at, data, must, sealed = self.mutant(number)
         sample, whole = self._samples[at], self._whole[at]
         sample.file.write_bytes(data)
+        _forget_peak()  # of making the mutant
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             try:
