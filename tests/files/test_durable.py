@@ -228,6 +228,21 @@ def test_a_disk_without_locks_is_written_and_what_is_left_there_stays_a_day(tmp_
     assert names(tmp_path) == [name, "b.bin"]
 
 
+def test_where_windows_has_no_locks_and_syncs_no_folders_a_days_age_decides(tmp_path, monkeypatch):
+    with writer_in_the_middle(tmp_path, "file") as name:
+        pass
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.delattr(os, "O_DIRECTORY", raising=False)
+    write_durably(tmp_path / "b.bin", b"new")
+    with durable_folder(tmp_path / "c") as folder:
+        (folder / "inside.bin").write_bytes(b"new")
+    assert names(tmp_path) == [name, "b.bin", "c"]
+    yesterday = time.time() - 86500
+    os.utime(tmp_path / name, (yesterday, yesterday))
+    write_durably(tmp_path / "b.bin", b"newer")
+    assert names(tmp_path) == ["b.bin", "c"]
+
+
 def test_names_of_255_bytes_are_written(tmp_path):
     name = "é" * 127 + "n"
     write_durably(tmp_path / name, b"new")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from exposight.errors import DamagedFileError, FormatError
-from exposight.files import parse_apart, parsing
+from exposight.files import foreign, parse_apart, parsing
 
 PARSERS = {
     "doubles": "return {'twice': np.frombuffer(data, np.uint8) * int(times)}",
@@ -78,3 +78,19 @@ def test_what_a_parser_apart_does_is_an_error(apart, name, fact):
 def test_a_parser_apart_has_only_the_memory_it_is_given(apart):
     with pytest.raises(FormatError, match="memory"):
         apart("eats", memory_gb=1.0)
+
+
+@pytest.mark.parametrize("platform", ["win32", "darwin"])
+def test_where_memory_cannot_be_limited_a_parser_still_answers(monkeypatch, platform):
+    resource = pytest.importorskip("resource")
+    asked = []
+
+    def refuse(kind, _limits):  # as macOS does, and as this process stays as it is
+        asked.append(kind)
+        if kind == resource.RLIMIT_AS:
+            raise ValueError
+
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(resource, "setrlimit", refuse)
+    foreign._limit_this_process(1.0, 10)
+    assert (resource.RLIMIT_CPU in asked) == (platform == "darwin")

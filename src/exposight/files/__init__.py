@@ -45,6 +45,15 @@ from exposight.files.reading import (
     reading_as,
     recognised,
 )
+from exposight.files.safe_texts import (
+    check_plain,
+    csv_of,
+    csv_pieces,
+    guarded,
+    spelled,
+    unguarded,
+    without_guards,
+)
 from exposight.files.text_tables.columns import (
     Matched,
     Wanted,
@@ -55,12 +64,3 @@ from exposight.files.text_tables.columns import (
 )
 from exposight.files.text_tables.dialects import TextTable, parse_table, read_table
 from exposight.files.toml_documents import parse_toml
-from exposight.files.words import (
-    check_plain,
-    csv_of,
-    csv_pieces,
-    guarded,
-    spelled,
-    unguarded,
-    without_guards,
-)

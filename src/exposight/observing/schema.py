@@ -12,7 +12,7 @@ import polars as pl
 from exposight.cell import BrightnessSource
 from exposight.errors import ExposightError, FormatError, ObservationError
 from exposight.files import check_plain, likely_column, spelled, unit_hint
-from exposight.files.words import has_control_characters
+from exposight.files.safe_texts import has_control_characters
 from exposight.observing.masks import Visibility
 
 

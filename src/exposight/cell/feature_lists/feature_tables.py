@@ -22,11 +22,11 @@ from exposight.cell.feature_lists.listed_features import ListFaults, listed_feat
 from exposight.cell.part import RULES, Feature, FeatureKind
 from exposight.errors import ExposightError, FeatureError, FormatError
 from exposight.files.reading import Reading, ambiguous, current_reading, recognised
+from exposight.files.safe_texts import unguarded
 from exposight.files.text_tables.columns import Matched, match_columns
 from exposight.files.text_tables.dialects import TextTable, parse_table
 from exposight.files.text_tables.encodings import decode
 from exposight.files.text_tables.written_numbers import is_plain
-from exposight.files.words import unguarded
 from exposight.tables import counted
 
 _SCALED = (0.5, 1.8)

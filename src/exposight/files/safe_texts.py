@@ -1,4 +1,4 @@
-"""Words in tables: no formulas for spreadsheets, no control characters in names.
+"""Texts that no spreadsheet computes and no terminal obeys, in tables and names.
 
 A spreadsheet computes a cell that begins with ``=``, ``+``, ``-`` or ``@``, which may run programs.
 exposight writes an apostrophe before such a text and takes it off again when it reads.
