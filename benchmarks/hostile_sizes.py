@@ -169,7 +169,9 @@ def large_table(rows: int, *, exposures: int = 2, seed: int = 1) -> ObservationT
     log_radiance += 1.5 - np.median(log_radiance)
     log_radiance += 0.05 * rng.standard_normal(feature.max() + 1)[feature]
     log_radiance += 0.02 * rng.standard_normal(views)[view] + 0.02 * rng.standard_normal(n)
-    exposure_ms = np.exp(rng.uniform(np.log(5.0), np.log(90.0), (n, exposures))).ravel().round(3)
+    # One exposure in each part of the range, so that none comes twice.
+    parts = (np.arange(exposures) + rng.random((n, exposures))) / exposures
+    exposure_ms = (5.0 * 18.0**parts).ravel().round(3)
     ring = np.repeat(np.arange(n), exposures)
     light = np.exp(log_radiance[ring]) * exposure_ms
     grey = np.minimum(255.0, 3.0 + light)

@@ -177,8 +177,9 @@ def _serve(name: str, folder: str) -> None:
     out = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for number in json.loads(sys.stdin.readline()):
+        mutant = reader.mutant(number)
         print(json.dumps({"begin": number}), file=out)
-        accepted, faults = reader.judge(number)
+        accepted, faults = reader.judge(*mutant)
         event = {"end": number, "accepted": accepted, "faults": faults, "peak_gb": _peak_gb()}
         print(json.dumps(event), file=out)
 
@@ -194,9 +195,10 @@ class _Reader:
         for value in self._values:
             assert not format_.wrong(value), format_.wrong(value)
 
-    def judge(self, number: int) -> tuple[bool, list[tuple[str, str]]]:
-        """Read a mutant; return whether it was accepted, and faults by their kind."""
-        at, data, must, sealed = self.mutant(number)
+    def judge(
+        self, at: int, data: bytes, must: str, sealed: bool
+    ) -> tuple[bool, list[tuple[str, str]]]:
+        """Read what `mutant` made; return whether it was accepted, and faults by their kind."""
         sample, whole = self._samples[at], self._whole[at]
         sample.file.write_bytes(data)
         _forget_peak()  # of making the mutant

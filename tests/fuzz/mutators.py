@@ -135,7 +135,8 @@ def _lines(data: bytes, random: Random) -> bytes:
         case 2:
             lines[one], lines[other] = lines[other], lines[one]
         case 3:
-            lines[one : one + 1] = [lines[one]] * random.choice((2, 100, 20_000))
+            times = min(random.choice((2, 100, 20_000)), 2 + _LARGEST // max(len(lines[one]), 1))
+            lines[one : one + 1] = [lines[one]] * times
         case _:
             lines[one] = lines[one][: random.randrange(len(lines[one]) + 1)]
     return b"".join(lines)
