@@ -1,5 +1,6 @@
 """Committees: where they equal the exact process, where the prior returns, who does the work."""
 
+import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from itertools import pairwise
 from multiprocessing import get_context
@@ -313,3 +314,14 @@ def test_few_observations_are_sent_to_fit():
 def test_a_search_on_no_shard_is_refused():
     with pytest.raises(InputError, match="search_shards must be at least 1, got 0"):
         fitted(search_shards=0)
+
+
+def test_a_pickle_carries_no_factors_and_predicts_the_same():
+    x, y = observe(600)
+    committee = committee_of(x, y, shard_size=200)
+    sent = pickle.dumps(committee)
+    assert len(sent) < 2 * (x.nbytes + y.nbytes) + 10_000
+    there = pickle.loads(sent)
+    assert there.experts == committee.experts
+    new = observe(50, seed=1)[0]
+    np.testing.assert_array_equal(there.predict(new).std, committee.predict(new).std)

@@ -33,6 +33,7 @@ prediction, because the communication set links rows to shards far from them.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,7 +61,7 @@ class Committee:
     `kernel`, `noise_variance`, `x`, `y` and `shard` describe it completely: `from_shards` rebuilds
     the same committee from them. An expert keeps m (m + c) numbers for a shard of m observations
     and c shared ones: 24 kB an observation as `fit_committee` chooses them, 2.4 GB for a hundred
-    thousand.
+    thousand. They stay out of a pickle; where it is opened they are computed when first needed.
 
     Attributes
     ----------
@@ -86,18 +87,25 @@ class Committee:
     y: observations.FloatArray = field(repr=False)
     shard: observations.IntArray = field(repr=False)
     jitter: float
-    _shared: CommunicationSet = field(repr=False)
-    _experts: tuple[Expert, ...] = field(repr=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what describes the committee: a worker hands it over without the gigabytes."""
+        return {name: value for name, value in self.__dict__.items() if name != "_conditioned"}
+
+    @cached_property
+    def _conditioned(self) -> "_Conditioned":
+        return _condition(self.kernel, self.noise_variance, self.x, self.y, self.shard)
 
     @property
     def experts(self) -> int:
         """Their number."""
-        return len(self._experts)
+        return int(self.shard.max()) + 1
 
     @property
     def n_observations(self) -> int:
         """How many the experts know together; those outside the kernel's gate do not count."""
-        return len(self._shared.x) + sum(len(expert.x) for expert in self._experts)
+        conditioned = self._conditioned
+        return len(conditioned.shared.x) + sum(len(each.x) for each in conditioned.experts)
 
     @classmethod
     def condition(
@@ -201,38 +209,21 @@ class Committee:
         observations.check_noise_variance(noise_variance)
         inputs, targets, active = observations.check_observations(kernel, x, y)
         owner = check_shards(shard, active)
-        sizes = np.bincount(owner[active] + 1)
-        check_memory(
-            DOUBLE_BYTES * int(np.sum(sizes[1:] * (sizes[1:] + sizes[0])) + sizes[0] ** 2),
-            f"a committee of {len(sizes) - 1} experts on {int(sizes.sum())} observations",
-            "take smaller shards or fewer rows",
+        conditioned = _condition(
+            kernel, noise_variance, inputs, targets, owner, threads=threads, progress=progress
         )
-        numbers = range(int(owner.max()) + 1)
-        with limit_blas(1):
-            known = np.flatnonzero(active & (owner == -1))
-            shared = CommunicationSet.condition(
-                kernel, noise_variance, inputs[known], targets[known]
-            )
-
-            def build(number: int) -> Expert:
-                rows = np.flatnonzero(active & (owner == number))
-                return Expert.condition(shared, kernel, noise_variance, inputs[rows], targets[rows])
-
-            count = choose_threads(threads, worthwhile=len(numbers) > 1)
-            experts = []
-            for expert in in_threads(build, numbers, threads=count):
-                experts.append(expert)
-                progress("conditioning", len(experts), len(numbers))
-        return cls(
+        committee = cls(
             kernel=kernel,
             noise_variance=float(noise_variance),
             x=observations.read_only(inputs),
             y=observations.read_only(targets),
             shard=observations.read_only(owner),
-            jitter=max(shared.factor.jitter, *(expert.jitter for expert in experts)),
-            _shared=shared,
-            _experts=tuple(experts),
+            jitter=max(
+                conditioned.shared.factor.jitter, *(each.jitter for each in conditioned.experts)
+            ),
         )
+        committee.__dict__["_conditioned"] = conditioned
+        return committee
 
     def predict(
         self,
@@ -288,12 +279,13 @@ class Committee:
         """Combine the experts at checked inputs inside the gate, each (n,)."""
         prior = self.kernel.prior_variance(x)
         least = _LEAST_SHARE * prior
-        known = self._shared.project(self.kernel, x)
-        shared_mean = self._shared.whitened @ known
+        shared, experts = self._conditioned.shared, self._conditioned.experts
+        known = shared.project(self.kernel, x)
+        shared_mean = shared.whitened @ known
         shared_variance = np.maximum(prior - np.einsum("ij,ij->j", known, known), least)
         precision = 1.0 / shared_variance
         weighted = shared_mean / shared_variance
-        for number, expert in enumerate(self._experts):
+        for number, expert in enumerate(experts):
             gain = expert.gain(self.kernel, x, known)
             taken = np.einsum("ij,ij->j", gain, gain)
             variance = np.maximum(shared_variance - taken, least)
@@ -304,3 +296,46 @@ class Committee:
             precision += weight * (1.0 / variance - 1.0 / shared_variance)
             weighted += weight * (mean / variance - shared_mean / shared_variance)
         return weighted / precision, 1.0 / precision
+
+
+@dataclass(frozen=True)
+class _Conditioned:
+    """What the experts and the communication set know: the factors of their covariances."""
+
+    shared: CommunicationSet
+    experts: tuple[Expert, ...]
+
+
+def _condition(
+    kernel: Kernel,
+    noise_variance: float,
+    x: observations.FloatArray,
+    y: observations.FloatArray,
+    owner: observations.IntArray,
+    *,
+    threads: int | None = None,
+    progress: Progress = ignore_progress,
+) -> _Conditioned:
+    """Condition the experts on checked observations that have been shared out."""
+    active = ~kernel.closed(x)
+    sizes = np.bincount(owner[active] + 1)
+    check_memory(
+        DOUBLE_BYTES * int(np.sum(sizes[1:] * (sizes[1:] + sizes[0])) + sizes[0] ** 2),
+        f"a committee of {len(sizes) - 1} experts on {int(sizes.sum())} observations",
+        "take smaller shards or fewer rows",
+    )
+    numbers = range(int(owner.max()) + 1)
+    with limit_blas(1):
+        known = np.flatnonzero(active & (owner == -1))
+        shared = CommunicationSet.condition(kernel, noise_variance, x[known], y[known])
+
+        def build(number: int) -> Expert:
+            rows = np.flatnonzero(active & (owner == number))
+            return Expert.condition(shared, kernel, noise_variance, x[rows], y[rows])
+
+        count = choose_threads(threads, worthwhile=len(numbers) > 1)
+        experts = []
+        for expert in in_threads(build, numbers, threads=count):
+            experts.append(expert)
+            progress("conditioning", len(experts), len(numbers))
+    return _Conditioned(shared, tuple(experts))
