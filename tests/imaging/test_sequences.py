@@ -72,7 +72,8 @@ def test_bad_codings(build, message):
     ("settings", "message"),
     [
         ({}, "columns, its rows, or both"),
-        ({"columns": GRAY, "projector_width": 0}, "a projector's size must be positive"),
+        ({"columns": GRAY, "projector_width": 0}, "a projector has 1 to 100000 px"),
+        ({"columns": GRAY, "projector_height": 10**23}, "a projector has 1 to 100000 px"),
         (
             {"columns": GRAY, "bit_depth": 17},
             "a bit depth must be a whole number from 8 to 16, got 17",

@@ -111,7 +111,7 @@ def written(tmp_path):
 # -- round trips --------------------------------------------------------------------------------
 
 characters = st.characters(exclude_categories=["C"]) | st.sampled_from("=+-@'")
-names = st.text(characters, min_size=1).filter(str.strip)
+names = st.text(characters, min_size=1, max_size=255).filter(str.strip)
 # Not -999, 9999, …, which stand for missing values.
 places = st.floats(-1e6, 1e6).filter(lambda place: set(f"{abs(place):.6f}".strip("0.")) != {"9"})
 angles = st.floats(-360, 360)
@@ -129,7 +129,7 @@ measured_rows = st.builds(
     w_deg=angles,
     p_deg=angles,
     r_deg=angles,
-    radius_mm=st.floats(0, 1e6),
+    radius_mm=places.map(abs),
     n_points=st.integers(0, 2**53),
     n_pixels=st.integers(1, 2**53),
     i_std=grey_levels,
@@ -546,7 +546,12 @@ def test_counts_tell_each_visibility_the_commonest_first():
 
 # -- further columns ----------------------------------------------------------------------------
 
-FURTHER = {"operator": ["Ann", "Bo"], "i_p10": [101.5, None], "i_p25": [1, 2], "dry": [True, None]}
+FURTHER = {
+    "operator": ["Ann", "Bo"],
+    "i_p10": [101.5, None],
+    "i_p25": [1, 2],
+    'is "dry"': [True, None],
+}
 
 
 @suffixes

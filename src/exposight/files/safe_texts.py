@@ -13,6 +13,10 @@ import polars as pl
 from exposight.errors import ExposightError, FormatError
 
 _PIECE_ROWS = 50_000
+
+LONGEST_NAME = 255
+"""Characters; file systems stop there, too."""
+
 _FORMULA = r"^'*[=+\-@\t\r]"
 _NUMBER = r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?$"
 _begins_formula, _is_number = re.compile(_FORMULA), re.compile(_NUMBER)
@@ -85,10 +89,16 @@ def spelled(text: str) -> str:
     return _UNREADABLE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def check_plain(name: str, what: str, error: type[ExposightError] = FormatError) -> str:
+def check_plain(
+    name: str,
+    what: str,
+    error: type[ExposightError] = FormatError,
+    *,
+    longest: int = LONGEST_NAME,
+) -> str:
     r"""Return a name that has no control characters, nor such that turn the writing round.
 
-    Halves of characters are none either: no file in UTF-8 can hold them.
+    Halves of characters are none either: no file in UTF-8 can hold them. Nor is a name endless.
 
     Parameters
     ----------
@@ -97,12 +107,17 @@ def check_plain(name: str, what: str, error: type[ExposightError] = FormatError)
         What it names, for messages: ``the view``.
     error : type
         What is raised, where a value has errors of its own kind.
+    longest : int
+        Characters that it may have.
 
     Raises
     ------
     FormatError
-        If it has one, which the message spells: ``\x1b``.
+        If it has one, which the message spells: ``\x1b``, or is longer.
     """
+    if len(name) > longest:
+        msg = f"{what} '{spelled(name[:20])}…' has {len(name)} characters, and may have {longest}"
+        raise error(msg)
     found = _UNREADABLE.search(name)
     if found:
         msg = (

@@ -21,6 +21,8 @@ from exposight.imaging.frames import check_saturation_level
 from exposight.imaging.ladders import Ladder, unwrapping_ladder
 from exposight.imaging.response import check_gamma, light_of_levels
 
+_LARGEST_PROJECTOR = 100_000
+
 
 @dataclass(frozen=True, kw_only=True)
 class AxisCoding:
@@ -180,9 +182,10 @@ class PatternSequence:
             raise ImageError(fault)
 
     def _faults(self) -> Iterator[str]:
-        if min(self.projector_width, self.projector_height) < 1:
+        sides = (self.projector_width, self.projector_height)
+        if min(sides) < 1 or max(sides) > _LARGEST_PROJECTOR:
             yield (
-                "a projector's size must be positive, got "
+                f"a projector has 1 to {_LARGEST_PROJECTOR} px a side, got "
                 f"{self.projector_width} × {self.projector_height} px"
             )
         if self.columns is None and self.rows is None:

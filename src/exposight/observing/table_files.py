@@ -129,6 +129,8 @@ def parse_csv(csv: bytes) -> pl.DataFrame:
     present = pl.read_csv(csv, n_rows=0, infer_schema=False).columns
     text = {name: pl.String for name in present if SCHEMA.get(name) == pl.String}
     frame = pl.read_csv(csv, infer_schema_length=None, schema_overrides=text)
+    # In names, unlike in cells, polars leaves the quotation marks doubled.
+    frame = frame.rename({name: name.replace('""', '"') for name in present if '""' in name})
     return without_guards(frame) if b"'" in csv else frame
 
 

@@ -35,6 +35,9 @@ _DECIMALS = 6
 _LONGEST_MS = 3.6e6
 """No exposure is longer than an hour; more is another unit."""
 
+_LONGEST_TEXT = 10_000
+"""Characters of a source."""
+
 _RIPPLE = 0.01
 """Share of the mains' half period by which an exposure time may miss a multiple of it.
 
@@ -89,6 +92,7 @@ class ExposureLimits:
 
     def __post_init__(self) -> None:
         check_plain(self.name, "the sensor", SensorError)
+        check_plain(self.source, f"the source of {self.name!r}", SensorError, longest=_LONGEST_TEXT)
         fault = self._fault()
         if fault:
             msg = f"exposure limits of {self.name!r}: {fault}"

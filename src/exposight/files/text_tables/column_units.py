@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
 
+from exposight.files.safe_texts import LONGEST_NAME
+
 Quantity = Literal["length", "time", "angle", "share", "count", "text", "none"]
 """What a column holds; "none" is a number without a unit."""
 
@@ -54,7 +56,7 @@ _TRAILING = re.compile(
 )
 _SYMBOL = re.compile(r"^(.*\S)\s*([°%])$")
 
-_LONGEST = 200
+_LONGEST = LONGEST_NAME
 """Characters of a name that is searched for a unit, which takes time with its square."""
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tomli_w
+from pydantic import Field
 
 from exposight.cell import (
     ActiveSensor,
@@ -77,7 +78,7 @@ class SceneDocument(Finishes):
     features: str | None = None
     sensor: str | None = None
     obstacles: tuple[str, ...] = ()
-    crease_deg: float = CREASE_DEG
+    crease_deg: Annotated[float, Field(ge=0, le=90)] = CREASE_DEG
 
     def __post_init__(self) -> None:
         super().__post_init__()

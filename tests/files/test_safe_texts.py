@@ -60,3 +60,9 @@ def test_a_long_table_in_pieces_is_the_whole():
     plain = pl.read_csv(io.BytesIO(b"".join(pieces)))
     assert without_guards(plain).equals(frame)
     assert list(csv_pieces(frame.head(0))) == [b"x,name\n"]
+
+
+def test_a_name_is_as_long_as_file_systems_have_them_and_no_longer():
+    assert check_plain("ä" * 255, "the view")
+    with pytest.raises(FormatError, match=r"the view 'ä+…' has 256 characters, and may have 255"):
+        check_plain("ä" * 256, "the view")
