@@ -229,6 +229,7 @@ def test_a_cluster_that_is_not_there(run, plan, scene, tmp_path):
     words = ("--scene", scene, "--cluster", "tcp://host", "-o", tmp_path / "box")
     message = error_of(run("simulate", plan, *words))
     assert "no Dask scheduler answers at 'tcp://host' (not an address)" in message
+    assert not (tmp_path / "box").exists()
 
 
 def test_a_scene_that_is_not_there(run, plan, tmp_path):

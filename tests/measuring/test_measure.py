@@ -420,4 +420,4 @@ def test_a_driver_of_another_sensor_is_refused(tmp_path, cell, sheet_plan, small
 
 def test_a_driver_that_is_not_concurrent_is_not_for_a_cluster(tmp_path, cell, sheet_plan):
     with pytest.raises(InputError, match="in this process alone"):
-        measure(sheet_plan, SlowCell(cell(sheet_plan)), tmp_path, cluster="tcp://host:8786")
+        measure(sheet_plan, SlowCell(cell(sheet_plan)), tmp_path, cluster="tcp://127.0.0.1:8786")

@@ -63,7 +63,7 @@ def test_a_table_that_one_model_cannot_learn_from_is_refused(make_table):
 
 def test_processes_here_and_a_cluster_exclude_each_other(table):
     with pytest.raises(InputError, match="choose one"):
-        train(table, workers=2, cluster="tcp://host:8786")
+        train(table, workers=2, cluster="tcp://127.0.0.1:8786")
 
 
 # -- committees ---------------------------------------------------------------------------------

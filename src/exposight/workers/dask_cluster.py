@@ -12,7 +12,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 import numba
 
@@ -26,6 +26,11 @@ _WAKE_S = 2.0
 _SCHEMES = {"tcp", "tls", "ucx", "ws", "wss"}
 
 _GOES_ON = "what was captured is kept: run again to go on"
+
+_NOT_THERE = (
+    "no Dask scheduler answers at {!r} ({}); expected an address as tcp://127.0.0.1:8786; start "
+    "one: dask scheduler --host 127.0.0.1"
+)
 
 _ONE_AT_A_TIME = threading.Lock()
 """A Dask worker may have several threads; one task fills a core and a gigabyte by itself."""
@@ -53,12 +58,28 @@ class DaskCluster:
     patience_s : float, s
         How long to wait for a first worker, and for one to return when all are gone; the scheduler
         must answer within a third of it.
+
+    Raises
+    ------
+    InputError
+        If it is no address, or one on another machine without TLS in a network that is not said to
+        be trusted, or certificates and address do not go together.
     """
 
     address: str
     patience_s: float = 30.0
     tls: Path | None = None
     trusted_network: bool = False
+
+    def __post_init__(self) -> None:
+        parts = urlsplit(self.address)
+        try:
+            whole = parts.scheme in _SCHEMES and parts.hostname and parts.port is not None
+        except ValueError:  # a port that is no number
+            whole = False
+        if not whole:
+            raise InputError(_NOT_THERE.format(self.address, "not an address"))
+        self._check_trust(parts)
 
     def run(
         self, work: Callable[[_Task], _Result], tasks: Sequence[_Task]
@@ -68,9 +89,8 @@ class DaskCluster:
         Raises
         ------
         InputError
-            If Dask is not installed, there is no scheduler at the address, it is on another machine
-            without TLS in a network that is not said to be trusted, no worker comes, or one has
-            another version of exposight.
+            If Dask is not installed, there is no scheduler at the address, no worker comes, or one
+            has another version of exposight.
         NumericalError
             If workers die over a task again and again, or all of them or the scheduler are lost.
         """
@@ -103,7 +123,6 @@ class DaskCluster:
     @contextmanager
     def _client(self, dask: ModuleType) -> Iterator[Any]:
         try:
-            self._check_address()  # before Dask does, whose clients linger where it is wrong
             client = dask.Client(
                 self.address,
                 timeout=self.patience_s / 3,
@@ -111,24 +130,16 @@ class DaskCluster:
                 security=self._security(dask),
             )
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
-            msg = (
-                f"no Dask scheduler answers at {self.address!r} ({_first_line(error)}); expected "
-                "an address as tcp://127.0.0.1:8786; start one: dask scheduler --host 127.0.0.1"
-            )
-            raise InputError(msg) from error
+            raise InputError(_NOT_THERE.format(self.address, _first_line(error))) from error
         try:
             yield client
         finally:
             with suppress(TimeoutError):  # where the scheduler is lost
                 client.close(timeout=_WAKE_S)
 
-    def _check_address(self) -> None:
-        parts = urlsplit(self.address)
-        if parts.scheme not in _SCHEMES or not parts.hostname or parts.port is None:
-            msg = "not an address"
-            raise ValueError(msg)
+    def _check_trust(self, parts: SplitResult) -> None:
         secret = parts.scheme in {"tls", "wss"}
-        if not (secret or self.trusted_network or _is_this_machine(parts.hostname)):
+        if not (secret or self.trusted_network or _is_this_machine(parts.hostname or "")):
             msg = (
                 f"the Dask scheduler {self.address} is on another machine and without TLS: whoever "
                 "reaches its port can run programs on all workers and here. Give a folder with "
