@@ -1,10 +1,11 @@
 import errno
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -180,6 +181,47 @@ def test_whoever_writes_next_removes_what_a_killed_writer_left_but_no_living_one
         assert names(tmp_path) == [name, "b.bin"]
     write_durably(tmp_path / "b.bin", b"newer")
     assert names(tmp_path) == ["b.bin"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks there")
+def test_a_sweep_lets_a_living_writer_go_on(tmp_path):
+    with durable_folder(tmp_path / "new") as folder:
+        (folder / "a").write_bytes(b"whole")
+        sweep_unfinished(tmp_path)
+    assert (tmp_path / "new" / "a").read_bytes() == b"whole"
+
+
+def test_without_locks_what_is_swept_under_a_living_writer_does_not_appear_in_part(
+    tmp_path, monkeypatch
+):
+    fcntl = pytest.importorskip("fcntl")
+
+    def refuse(_descriptor, _kind):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    rmtree = shutil.rmtree
+
+    def slowly(entry, **options):
+        """Remove one file, let the writer finish, and then the rest."""
+        (entry / "a").unlink()
+        with suppress(OSError):
+            unfinished.rename(tmp_path / "new")
+        rmtree(entry, **options)
+
+    def write():
+        nonlocal unfinished
+        with durable_folder(tmp_path / "new") as unfinished:
+            for name in "ab":
+                (unfinished / name).write_bytes(b"whole")
+            monkeypatch.setattr(shutil, "rmtree", slowly)
+            sweep_unfinished(tmp_path)
+            monkeypatch.setattr(shutil, "rmtree", rmtree)
+
+    unfinished = tmp_path
+    with pytest.raises(FileError):
+        write()
+    assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize("name", [".a.bin.0123abcd.unfinished", ".00000000-0123abcd.unfinished"])

@@ -246,8 +246,12 @@ def test_without_dask(monkeypatch):
 
 
 def test_workers_here_and_a_cluster_are_not_mixed(sheet_plan, cell):
-    with pytest.raises(InputError, match="got 2 workers and the cluster 'tcp://127.0.0.1:8786'; choose"):
-        measure_observations(sheet_plan, cell(sheet_plan), workers=2, cluster="tcp://127.0.0.1:8786")
+    with pytest.raises(
+        InputError, match=r"got 2 workers and the cluster 'tcp://127\.0\.0\.1:8786'; choose"
+    ):
+        measure_observations(
+            sheet_plan, cell(sheet_plan), workers=2, cluster="tcp://127.0.0.1:8786"
+        )
 
 
 ELSEWHERE = "tcp://192.0.2.1:8786"  # an address that nobody has (RFC 5737)

@@ -28,7 +28,9 @@ for _ in LocalProcesses(2).run(time.sleep, [0.0, {LONG_S}, {LONG_S + 1}]):
 def test_workers_are_here_or_on_a_cluster():
     assert choose_workers(3) == LocalProcesses(3)
     assert choose_workers(1, "tcp://127.0.0.1:8786") == DaskCluster("tcp://127.0.0.1:8786")
-    with pytest.raises(InputError, match="got 2 workers and the cluster 'tcp://127.0.0.1:8786'"):
+    with pytest.raises(
+        InputError, match=r"got 2 workers and the cluster 'tcp://127\.0\.0\.1:8786'"
+    ):
         choose_workers(2, "tcp://127.0.0.1:8786")
     with pytest.raises(InputError, match="at least 1 worker, got 0"):
         choose_workers(0)

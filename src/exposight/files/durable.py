@@ -122,10 +122,12 @@ def sweep_unfinished(folder: Path) -> None:
     Parameters
     ----------
     folder : Path
-        Nobody else may be writing in it.
+        Nobody else should be writing in it. Whoever is, as a worker that was given up, goes on
+        where the disk has locks; else what it writes is refused, and does not appear in part.
     """
     for entry in list(filter(is_unfinished, Path(folder).iterdir())):
-        _remove(entry)
+        with suppress(OSError), _locked(entry):
+            _remove(entry)
 
 
 def _sweep_dead(folder: Path) -> None:
@@ -142,7 +144,10 @@ def _sweep_dead(folder: Path) -> None:
 
 def _remove(entry: Path) -> None:
     if entry.is_dir():
-        shutil.rmtree(entry, ignore_errors=True)
+        # First away from its writer, which could give the final name to what is half removed.
+        aside = entry.with_name(f".{_HERE}-{secrets.token_hex(4)}.unfinished")
+        with suppress(OSError):
+            shutil.rmtree(entry.rename(aside), ignore_errors=True)
     else:
         entry.unlink(missing_ok=True)
 
