@@ -8,12 +8,13 @@ masks, observations and models then handle it without further changes.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
 from exposight.errors import FeatureError
 from exposight.files import check_plain
-from exposight.geometry import HollowCylinder, RigidTransform
+from exposight.geometry import HollowCylinder, RigidTransform, StackedPoses
 
 FeatureKind = Literal["hole", "slot", "pocket", "sphere", "surface_point"]
 
@@ -186,6 +187,25 @@ class Part:
             msg = f"part {self.name!r} has no feature; at least one is needed to measure anything"
             raise FeatureError(msg)
         check_unique_names(self.features)
+
+    @cached_property
+    def feature_poses(self) -> StackedPoses:
+        """``part_from_feature`` of the features, in their order."""
+        return StackedPoses.of([each.part_from_feature for each in self.features])
+
+    def measured_regions(
+        self, tolerance: RingTolerance = PAPER_TOLERANCE
+    ) -> tuple[HollowCylinder, ...]:
+        """Return `Feature.measured_region` of each feature, computed once."""
+        if tolerance not in self._regions:
+            self._regions[tolerance] = tuple(
+                each.measured_region(tolerance) for each in self.features
+            )
+        return self._regions[tolerance]
+
+    @cached_property
+    def _regions(self) -> dict[RingTolerance, tuple[HollowCylinder, ...]]:
+        return {}
 
     def feature(self, name: str) -> Feature:
         """Return the feature of a given name.

@@ -28,7 +28,13 @@ from exposight.geometry.cylinders import (
     ring_pixels,
 )
 from exposight.geometry.image_grids import averaged_camera, grid_camera, grid_ratio
-from exposight.geometry.poses import RigidTransform, check_points, check_rotation, rotation_facing
+from exposight.geometry.poses import (
+    RigidTransform,
+    StackedPoses,
+    check_points,
+    check_rotation,
+    rotation_facing,
+)
 from exposight.geometry.robot_poses.pose_chains import (
     camera_from_held_part,
     camera_from_part_of,

@@ -12,6 +12,7 @@ shared between the cores, feature by feature; each looks only at the pixels onto
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from exposight.compiled import njit
 from exposight.errors import CloudError, FeatureError
 from exposight.geometry.cameras import PinholeCamera
-from exposight.geometry.poses import RigidTransform
+from exposight.geometry.poses import RigidTransform, StackedPoses
 
 _ARC_POINTS = 32  # of an outline, on each of its four arcs and four straight sides
 
@@ -98,6 +99,13 @@ class HollowCylinder:
         along = abs(self.plane_z_mm) + self.height_mm / 2
         return float(np.hypot(across, along))
 
+    @cached_property
+    def ring_outline(self) -> NDArray[np.float64]:
+        """The `outline` of the ring's plane, computed once."""
+        outline = self.outline()
+        outline.setflags(write=False)
+        return outline
+
     def outline(self, z_mm: float | None = None) -> NDArray[np.float64]:
         """Return a polygon in the feature's frame that circumscribes the outer border.
 
@@ -168,7 +176,7 @@ def pixel_boxes(
 
 def outlines_in_camera(
     cylinders: Sequence[HollowCylinder],
-    poses: Sequence[RigidTransform],
+    poses: StackedPoses,
     end: float = 0.0,
 ) -> NDArray[np.float64]:
     """Return the outlines of n hollow cylinders in the camera's frame, (n, m, 3) mm.
@@ -176,10 +184,12 @@ def outlines_in_camera(
     Poses are ``camera_from_feature``; the end is −1 or 1 for the cylinders' ends, 0 for the ring's
     plane.
     """
-    outlines = np.stack([c.outline(c.plane_z_mm + end * c.height_mm / 2) for c in cylinders])
-    rotations = np.stack([pose.rotation for pose in poses])
-    translations = np.stack([pose.translation_mm for pose in poses])
-    return np.asarray(outlines @ rotations.transpose(0, 2, 1) + translations[:, None, :])
+    if end:
+        outlines = [c.outline(c.plane_z_mm + end * c.height_mm / 2) for c in cylinders]
+    else:
+        outlines = [c.ring_outline for c in cylinders]
+    turned = np.stack(outlines) @ poses.rotations.transpose(0, 2, 1)
+    return np.asarray(turned + poses.translations_mm[:, None, :])
 
 
 def ring_pixels(
@@ -208,7 +218,7 @@ def ring_pixels(
     """
     if not cylinders:
         return []
-    boxes = pixel_boxes(outlines_in_camera(cylinders, poses), camera, _RING_MARGIN_PX)
+    boxes = pixel_boxes(outlines_in_camera(cylinders, StackedPoses.of(poses)), camera, _RING_MARGIN_PX)
     rays, regions, edges = camera.rays(), packed_cylinders(cylinders, poses), packed_boxes(boxes)
     ends = np.cumsum(_count_ring_pixels(rays, regions, edges))
     starts = np.concatenate([[0], ends[:-1]])

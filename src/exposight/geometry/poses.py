@@ -376,3 +376,40 @@ def rotation_facing(
         x = hint - (hint @ z) * z
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StackedPoses:
+    """Poses ``target_from_source`` of n sources, to be moved together.
+
+    Parameters
+    ----------
+    rotations : (n, 3, 3) ndarray
+    translations_mm : (n, 3) ndarray, mm
+    """
+
+    rotations: NDArray[np.float64]
+    translations_mm: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, poses: Sequence[RigidTransform]) -> StackedPoses:
+        """Stack poses."""
+        return cls(
+            rotations=np.stack([pose.rotation for pose in poses]),
+            translations_mm=np.stack([pose.translation_mm for pose in poses]),
+        )
+
+    def moved(self, outer_from_target: RigidTransform) -> StackedPoses:
+        """Return ``outer_from_target @ target_from_source`` of each."""
+        rotation = outer_from_target.rotation
+        moved = np.matmul(rotation, self.translations_mm[:, :, None])[:, :, 0]
+        return StackedPoses(
+            rotations=rotation @ self.rotations,
+            translations_mm=moved + outer_from_target.translation_mm,
+        )
+
+    def at(self, place: int) -> RigidTransform:
+        """Return one of them."""
+        return RigidTransform._of_checked(
+            self.rotations[place].copy(), self.translations_mm[place].copy()
+        )

@@ -22,6 +22,7 @@ from exposight.geometry import (
     HollowCylinder,
     PixelBox,
     RigidTransform,
+    StackedPoses,
     outlines_in_camera,
     pixel_boxes,
     ring_pixels,
@@ -55,34 +56,61 @@ class Visibility(StrEnum):
 class FeatureView:
     """A feature as one view sees it, whatever the exposure.
 
+    Masks are computed when the first feature of a view is asked for its own: a forecast needs none.
+
     Parameters
     ----------
     feature : Feature
     region : HollowCylinder
         Its measured region in its own frame.
-    camera_from_feature, tcp_from_feature : RigidTransform
-        Where it is.
     visibility : Visibility
         Why it cannot be measured, where it cannot.
-    rows, columns : (n,) ndarray of int
-        Pixels of the mask; empty where it cannot be measured.
-    search_box : PixelBox
-        Pixels whose points can lie in the hollow cylinder.
+    rings : PlacedRings
+        Those of all features of the view.
+    place : int
+        The feature's among them.
     """
 
     feature: Feature
     region: HollowCylinder
-    camera_from_feature: RigidTransform
-    tcp_from_feature: RigidTransform
     visibility: Visibility
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    search_box: PixelBox
+    rings: PlacedRings
+    place: int
+
+    @cached_property
+    def camera_from_feature(self) -> RigidTransform:
+        """Where it is, seen from the first camera."""
+        return self.rings.in_camera.at(self.place)
+
+    @cached_property
+    def tcp_from_feature(self) -> RigidTransform:
+        """Where it is in the TCP frame."""
+        return self.rings.in_tcp.at(self.place)
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of the mask's pixels, (n,); none where it cannot be measured."""
+        return self._pixels[0]
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """Columns of the mask's pixels, (n,)."""
+        return self._pixels[1]
+
+    @property
+    def _pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        measurable = self.visibility is Visibility.VISIBLE
+        return self.rings.pixels.get(self.place, _NO_PIXELS) if measurable else _NO_PIXELS
 
     @property
     def n_pixels(self) -> int:
         """The paper's n_max,2D: pixels whose centre lies in the ring (Eq. 6)."""
         return int(self.rows.size)
+
+    @property
+    def search_box(self) -> PixelBox:
+        """Pixels whose points can lie in the hollow cylinder."""
+        return self.rings.search_boxes[self.place]
 
     @cached_property
     def pose(self) -> dict[str, Any]:
@@ -95,7 +123,7 @@ class FeatureView:
             *self.tcp_from_feature.translation_mm.tolist(),
             *orientation_deg(self.feature, self.tcp_from_feature),
             self.feature.radius_mm,
-            incidence_deg(self.camera_from_feature),
+            float(self.rings.incidence_deg[self.place]),
         )
         return dict(zip(_POSE_COLUMNS, values, strict=True))
 
@@ -137,12 +165,19 @@ class View:
     @property
     def frame(self) -> pl.DataFrame:
         """Columns of an observation table for each visible feature: all that need no capture."""
-        frame = pose_columns(self.visible)
+        pixels = pl.Series("n_pixels", [each.n_pixels for each in self.visible], dtype=pl.Int64)
+        return self.poses.insert_column(3, pixels)
+
+    @property
+    def poses(self) -> pl.DataFrame:
+        """`frame` without ``n_pixels``, which takes the masks: what forecasts read."""
+        visible = self.visible
         same = {"view": self.name, **self.shared}
         types = {str: pl.String, float: pl.Float64}
-        return frame.hstack(
-            [
-                pl.Series(name, [value] * frame.height, dtype=types.get(type(value)))
+        return pl.DataFrame(
+            _pose_series(visible)
+            + [
+                pl.Series(name, [value] * len(visible), dtype=types.get(type(value)))
                 for name, value in same.items()
             ]
         )
@@ -161,24 +196,22 @@ def pose_columns(features: Sequence[FeatureView]) -> pl.DataFrame:
     A row for each feature: ``feature``, ``finish``, ``kind``, ``n_pixels``, and what
     `FeatureView.pose` has.
     """
-    schema = {
-        "feature": pl.String,
-        "finish": pl.String,
-        "kind": pl.String,
-        "n_pixels": pl.Int64,
-        **dict.fromkeys(_POSE_COLUMNS, pl.Float64),
+    pixels = pl.Series("n_pixels", [each.n_pixels for each in features], dtype=pl.Int64)
+    return pl.DataFrame(_pose_series(features)).insert_column(3, pixels)
+
+
+def _pose_series(features: Sequence[FeatureView]) -> list[pl.Series]:
+    """Return the columns of `pose_columns` but for ``n_pixels``."""
+    names = {
+        "feature": [each.feature.name for each in features],
+        "finish": [each.feature.finish or None for each in features],
+        "kind": [each.feature.kind for each in features],
     }
-    rows = [
-        (
-            each.feature.name,
-            each.feature.finish or None,
-            each.feature.kind,
-            each.n_pixels,
-            *each.pose.values(),
-        )
-        for each in features
+    poses = np.array([[*each.pose.values()] for each in features]).reshape(-1, len(_POSE_COLUMNS))
+    return [
+        *(pl.Series(name, values, dtype=pl.String) for name, values in names.items()),
+        *map(pl.Series, _POSE_COLUMNS, np.ascontiguousarray(poses.T)),
     ]
-    return pl.DataFrame(rows, schema=schema, orient="row")
 
 
 def tcp_text(sensor: ActiveSensor) -> str:
@@ -222,12 +255,113 @@ def orientation_deg(
 
 def incidence_deg(camera_from_feature: RigidTransform) -> float:
     """Return the angle between the camera's ray to a feature and the feature's normal, degrees."""
-    to_feature = camera_from_feature.translation_mm
-    distance = float(np.linalg.norm(to_feature))
-    if distance == 0.0:
-        return 90.0
-    cosine = float(to_feature @ camera_from_feature.z_axis) / distance
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    pose = camera_from_feature
+    return float(_incidence_deg(pose.translation_mm[None], pose.z_axis[None])[0])
+
+
+def _incidence_deg(
+    places_mm: NDArray[np.float64], normals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the angles of incidence of n features, (n,); 90° where one is at the camera."""
+    distance = np.sqrt((places_mm * places_mm).sum(axis=1))
+    cosine = (places_mm * normals).sum(axis=1) / np.where(distance == 0.0, 1.0, distance)
+    out: NDArray[np.float64] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return out
+
+
+class PlacedRings:
+    """The measured regions of a part's features where a view has them.
+
+    Parameters
+    ----------
+    part : Part
+        Whose n features are looked for.
+    sensor : ActiveSensor
+        Its first camera takes the image; its TCP is the frame of the poses.
+    camera_from_part : RigidTransform
+        Where the part stands.
+    tolerance : RingTolerance
+        Height and radii of the hollow cylinders.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        sensor: ActiveSensor,
+        camera_from_part: RigidTransform,
+        tolerance: RingTolerance,
+    ) -> None:
+        self.camera = sensor.camera
+        self.regions = part.measured_regions(tolerance)
+        self.in_camera = part.feature_poses.moved(camera_from_part)
+        self._tcp_from_camera = sensor.camera_from_tcp.inverse()
+        self.incidence_deg = _incidence_deg(
+            self.in_camera.translations_mm, self.in_camera.rotations[:, :, 2]
+        )
+        self._outlines = outlines_in_camera(self.regions, self.in_camera)
+        self.behind = self._outlines[:, :, 2].min(axis=1) <= 0.0
+
+    @cached_property
+    def in_tcp(self) -> StackedPoses:
+        """Poses of the features in the TCP frame."""
+        return self.in_camera.moved(self._tcp_from_camera)
+
+    @cached_property
+    def pixels(self) -> dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """Rows and columns of the mask of each feature that faces the camera, by its place."""
+        places = np.flatnonzero(~self.behind & (self.incidence_deg < 90.0)).tolist()
+        regions = [self.regions[place] for place in places]
+        poses = [self.in_camera.at(place) for place in places]
+        return dict(zip(places, ring_pixels(regions, self.camera, poses), strict=True))
+
+    @cached_property
+    def search_boxes(self) -> list[PixelBox]:
+        """Pixels whose points can lie in each hollow cylinder."""
+        ends = [outlines_in_camera(self.regions, self.in_camera, end) for end in (-1.0, 1.0)]
+        return pixel_boxes(np.concatenate(ends, axis=1), self.camera, _MARGIN_PX)
+
+    def visibilities(self) -> list[Visibility]:
+        """Return whether each feature can be measured, and if not, why."""
+        pixels = self.camera.project(self._outlines)
+        inside = self.camera.in_frame(pixels)
+        size = (self.camera.width, self.camera.height)
+        # not where a point cannot be projected: NaN fails both
+        beside = ((pixels.max(axis=1) < -1.0) | (pixels.min(axis=1) > size)).any(axis=1)
+        return [
+            self._visibility(place, *where)
+            for place, where in enumerate(
+                zip(inside.all(axis=1), inside.any(axis=1), beside, strict=True)
+            )
+        ]
+
+    def _visibility(self, place: int, whole: bool, partly: bool, beside: bool) -> Visibility:
+        if self.behind[place]:
+            return Visibility.BEHIND_CAMERA
+        if self.incidence_deg[place] >= 90.0:
+            return Visibility.FACING_AWAY
+        if whole:
+            wide = self._width_px[place] > _SURELY_PX or self._has_pixels(place)
+            return Visibility.VISIBLE if wide else Visibility.BELOW_ONE_PIXEL
+        partly = partly or (not beside and self._has_pixels(place))
+        return Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME
+
+    def _has_pixels(self, place: int) -> bool:
+        region, pose = self.regions[place], self.in_camera.at(place)
+        return bool(ring_pixels([region], self.camera, [pose])[0][0].size)
+
+    @cached_property
+    def _width_px(self) -> NDArray[np.float64]:
+        """Width of each ring where it is narrowest, lens aside, (n,) px."""
+        width_mm = np.array([each.outer_mm - each.inner_mm for each in self.regions])
+        focal_px = min(self.camera.fx, self.camera.fy)
+        foreshortened = width_mm * np.cos(np.radians(self.incidence_deg))
+        out: NDArray[np.float64] = focal_px * foreshortened / self._outlines[:, :, 2].max(axis=1)
+        return out
+
+
+_SURELY_PX = 3.0
+"""A ring √2 px wide holds a pixel's centre. The rest is for lenses, which shrink what is at the
+image's border, and for what a ring's far side is turned away more than its centre."""
 
 
 def view_features(
@@ -236,7 +370,7 @@ def view_features(
     camera_from_part: RigidTransform,
     tolerance: RingTolerance = PAPER_TOLERANCE,
 ) -> tuple[FeatureView, ...]:
-    """Find the masks of a part's features in a view, or the reasons why they have none.
+    """Find where a view sees a part's features, or the reasons why it does not.
 
     Parameters
     ----------
@@ -249,53 +383,16 @@ def view_features(
     tolerance : RingTolerance
         Height and radii of the hollow cylinders; the paper's by default (Sect. 3.1.3).
     """
-    regions = [feature.measured_region(tolerance) for feature in part.features]
-    poses = [camera_from_part @ feature.part_from_feature for feature in part.features]
-    camera = sensor.camera
-    angles = [incidence_deg(pose) for pose in poses]
-    outlines = outlines_in_camera(regions, poses)
-    in_frame = camera.in_frame(camera.project(outlines))
-    behind = outlines[:, :, 2].min(axis=1) <= 0
-    facing = np.flatnonzero(~behind & (np.array(angles) < 90.0))
-    masks = dict(
-        zip(
-            facing.tolist(),
-            ring_pixels([regions[i] for i in facing], camera, [poses[i] for i in facing]),
-            strict=True,
+    rings = PlacedRings(part, sensor, camera_from_part, tolerance)
+    return tuple(
+        FeatureView(
+            feature=feature,
+            region=rings.regions[place],
+            visibility=visibility,
+            rings=rings,
+            place=place,
+        )
+        for place, (feature, visibility) in enumerate(
+            zip(part.features, rings.visibilities(), strict=True)
         )
     )
-    ends = [outlines_in_camera(regions, poses, end) for end in (-1.0, 1.0)]
-    boxes = pixel_boxes(np.concatenate(ends, axis=1), camera, _MARGIN_PX)
-    tcp_from_camera = sensor.camera_from_tcp.inverse()
-    views = []
-    for i, feature in enumerate(part.features):
-        rows, columns = masks.get(i, _NO_PIXELS)
-        visibility = _visibility(bool(behind[i]), angles[i], in_frame[i], rows.size)
-        if visibility is not Visibility.VISIBLE:
-            rows, columns = _NO_PIXELS
-        views.append(
-            FeatureView(
-                feature=feature,
-                region=regions[i],
-                camera_from_feature=poses[i],
-                tcp_from_feature=tcp_from_camera @ poses[i],
-                visibility=visibility,
-                rows=rows,
-                columns=columns,
-                search_box=boxes[i],
-            )
-        )
-    return tuple(views)
-
-
-def _visibility(
-    behind: bool, angle_deg: float, outline_in_frame: NDArray[np.bool_], n_pixels: int
-) -> Visibility:
-    if behind:
-        return Visibility.BEHIND_CAMERA
-    if angle_deg >= 90.0:
-        return Visibility.FACING_AWAY
-    if outline_in_frame.all():
-        return Visibility.VISIBLE if n_pixels else Visibility.BELOW_ONE_PIXEL
-    partly = outline_in_frame.any() or n_pixels
-    return Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME

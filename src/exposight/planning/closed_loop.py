@@ -71,7 +71,7 @@ class ClosedLoop:
     models : SensorModels
         What forecasts. Only the default models are corrected by captures jointly.
     rings : polars.DataFrame
-        What each view sees: `View.frame` of all views, in the order in which they are visited.
+        What each view sees: `View.poses` of all views, in the order in which they are visited.
     limits : ExposureLimits
         What the sensor can be set to.
     need : float
@@ -166,7 +166,7 @@ class ClosedLoop:
         """
         wanted = list(features) if features is not None else [each.name for each in part.features]
         views = [View.of(part, sensor, pose, name=name) for name, pose in poses.items()]
-        rings = pl.concat([view.frame for view in views], how="vertical_relaxed")
+        rings = pl.concat([view.poses for view in views], how="vertical_relaxed")
         rings = rings.filter(pl.col("feature").is_in(wanted))
         seen = set(rings["feature"])
         not_seen = {}

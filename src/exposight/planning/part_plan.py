@@ -35,7 +35,7 @@ def view_chances(
     models : SensorModels
         What forecasts.
     rings : polars.DataFrame
-        What the views see: `View.frame` of all of them.
+        What the views see: `View.poses` of all of them.
     limits : ExposureLimits
         What the sensor can be set to.
     need : float
@@ -123,7 +123,7 @@ def plan(
         for each in view.features
         if each not in view.visible
     }
-    frames = [view.frame for view in seen if view.visible]
+    frames = [view.poses for view in seen if view.visible]
     if not frames:
         why = ", ".join(sorted(set(reasons.values()))) or "there is no view"
         msg = f"no view sees a feature of {part.name!r} ({why}): check poses and features' normals"

@@ -153,7 +153,7 @@ class SensorModels:
         ObservationError
             If the view is of another sensor or TCP than was learnt, or the trial has no row of it.
         """
-        poses = view.frame
+        poses = view.poses
         check_forecast(poses, exposures_ms)
         if exposures_ms is not None:
             exposures_ms = tuple(dict.fromkeys(map(float, exposures_ms)))
