@@ -218,7 +218,9 @@ def ring_pixels(
     """
     if not cylinders:
         return []
-    boxes = pixel_boxes(outlines_in_camera(cylinders, StackedPoses.of(poses)), camera, _RING_MARGIN_PX)
+    boxes = pixel_boxes(
+        outlines_in_camera(cylinders, StackedPoses.of(poses)), camera, _RING_MARGIN_PX
+    )
     rays, regions, edges = camera.rays(), packed_cylinders(cylinders, poses), packed_boxes(boxes)
     ends = np.cumsum(_count_ring_pixels(rays, regions, edges))
     starts = np.concatenate([[0], ends[:-1]])

@@ -7,6 +7,7 @@ depends on where the sensor stands and not on the exposure, so it is computed on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -112,20 +113,24 @@ class FeatureView:
         """Pixels whose points can lie in the hollow cylinder."""
         return self.rings.search_boxes[self.place]
 
-    @cached_property
+    @property
     def pose(self) -> dict[str, Any]:
         """The columns of an observation table that the pose decides.
 
         Position in mm and orientation (`orientation_deg`) in the TCP frame, ``radius_mm``, and
         ``incidence_deg``.
         """
-        values = (
-            *self.tcp_from_feature.translation_mm.tolist(),
+        return dict(zip(_POSE_COLUMNS, self.pose_values, strict=True))
+
+    @cached_property
+    def pose_values(self) -> tuple[float, ...]:
+        """The values of `pose`."""
+        return (
+            *self.rings.in_tcp.translations_mm[self.place].tolist(),
             *orientation_deg(self.feature, self.tcp_from_feature),
             self.feature.radius_mm,
             float(self.rings.incidence_deg[self.place]),
         )
-        return dict(zip(_POSE_COLUMNS, values, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +162,7 @@ class View:
             shared=shared_columns(part, sensor, camera_from_part),
         )
 
-    @property
+    @cached_property
     def visible(self) -> tuple[FeatureView, ...]:
         """The features that can be measured from here."""
         return tuple(each for each in self.features if each.visibility is Visibility.VISIBLE)
@@ -166,9 +171,9 @@ class View:
     def frame(self) -> pl.DataFrame:
         """Columns of an observation table for each visible feature: all that need no capture."""
         pixels = pl.Series("n_pixels", [each.n_pixels for each in self.visible], dtype=pl.Int64)
-        return self.poses.insert_column(3, pixels)
+        return self.poses.clone().insert_column(3, pixels)
 
-    @property
+    @cached_property
     def poses(self) -> pl.DataFrame:
         """`frame` without ``n_pixels``, which takes the masks: what forecasts read."""
         visible = self.visible
@@ -207,7 +212,7 @@ def _pose_series(features: Sequence[FeatureView]) -> list[pl.Series]:
         "finish": [each.feature.finish or None for each in features],
         "kind": [each.feature.kind for each in features],
     }
-    poses = np.array([[*each.pose.values()] for each in features]).reshape(-1, len(_POSE_COLUMNS))
+    poses = np.array([each.pose_values for each in features]).reshape(-1, len(_POSE_COLUMNS))
     return [
         *(pl.Series(name, values, dtype=pl.String) for name, values in names.items()),
         *map(pl.Series, _POSE_COLUMNS, np.ascontiguousarray(poses.T)),
@@ -247,10 +252,10 @@ def orientation_deg(
     """
     if feature.kind not in _SYMMETRIC_KINDS:
         return tcp_from_feature.to_fanuc_wpr()
-    x, y, z = tcp_from_feature.z_axis
+    x, y, z = tcp_from_feature.z_axis.tolist()
     # z axis of Ry(p)·Rx(w) = (sin p · cos w, −sin w, cos p · cos w)
-    w = np.arcsin(np.clip(-y, -1.0, 1.0))
-    return float(np.degrees(w)), float(np.degrees(np.arctan2(x, z))), 0.0
+    w = math.asin(min(max(-y, -1.0), 1.0))
+    return math.degrees(w), math.degrees(math.atan2(x, z)), 0.0
 
 
 def incidence_deg(camera_from_feature: RigidTransform) -> float:
@@ -299,7 +304,12 @@ class PlacedRings:
             self.in_camera.translations_mm, self.in_camera.rotations[:, :, 2]
         )
         self._outlines = outlines_in_camera(self.regions, self.in_camera)
-        self.behind = self._outlines[:, :, 2].min(axis=1) <= 0.0
+        self._depths_mm = np.ascontiguousarray(self._outlines[:, :, 2])
+        behind = self._depths_mm.min(axis=1) <= 0.0
+        self._facing = np.flatnonzero(~behind & (self.incidence_deg < 90.0))
+        self._hidden = [
+            Visibility.BEHIND_CAMERA if each else Visibility.FACING_AWAY for each in behind.tolist()
+        ]
 
     @cached_property
     def in_tcp(self) -> StackedPoses:
@@ -309,7 +319,7 @@ class PlacedRings:
     @cached_property
     def pixels(self) -> dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Rows and columns of the mask of each feature that faces the camera, by its place."""
-        places = np.flatnonzero(~self.behind & (self.incidence_deg < 90.0)).tolist()
+        places = self._facing.tolist()
         regions = [self.regions[place] for place in places]
         poses = [self.in_camera.at(place) for place in places]
         return dict(zip(places, ring_pixels(regions, self.camera, poses), strict=True))
@@ -322,27 +332,23 @@ class PlacedRings:
 
     def visibilities(self) -> list[Visibility]:
         """Return whether each feature can be measured, and if not, why."""
-        pixels = self.camera.project(self._outlines)
-        inside = self.camera.in_frame(pixels)
+        out, facing = list(self._hidden), self._facing
+        pixels = self.camera.project(self._outlines[facing])
+        shares = self.camera.in_frame(pixels).mean(axis=1).tolist()
+        across = np.ascontiguousarray(pixels.transpose(0, 2, 1))
         size = (self.camera.width, self.camera.height)
-        # not where a point cannot be projected: NaN fails both
-        beside = ((pixels.max(axis=1) < -1.0) | (pixels.min(axis=1) > size)).any(axis=1)
-        return [
-            self._visibility(place, *where)
-            for place, where in enumerate(
-                zip(inside.all(axis=1), inside.any(axis=1), beside, strict=True)
-            )
-        ]
+        # false where a point cannot be projected: NaN fails both
+        beside = ((across.max(axis=2) < -1.0) | (across.min(axis=2) > size)).any(axis=1).tolist()
+        for place, *where in zip(facing.tolist(), shares, beside, strict=True):
+            out[place] = self._in_frame(place, *where)
+        return out
 
-    def _visibility(self, place: int, whole: bool, partly: bool, beside: bool) -> Visibility:
-        if self.behind[place]:
-            return Visibility.BEHIND_CAMERA
-        if self.incidence_deg[place] >= 90.0:
-            return Visibility.FACING_AWAY
-        if whole:
+    def _in_frame(self, place: int, share: float, beside: bool) -> Visibility:
+        """Return whether a feature can be measured of whose outline the frame has a share."""
+        if share == 1.0:
             wide = self._width_px[place] > _SURELY_PX or self._has_pixels(place)
             return Visibility.VISIBLE if wide else Visibility.BELOW_ONE_PIXEL
-        partly = partly or (not beside and self._has_pixels(place))
+        partly = share > 0.0 or (not beside and self._has_pixels(place))
         return Visibility.PARTLY_OUT_OF_FRAME if partly else Visibility.OUT_OF_FRAME
 
     def _has_pixels(self, place: int) -> bool:
@@ -353,9 +359,8 @@ class PlacedRings:
     def _width_px(self) -> NDArray[np.float64]:
         """Width of each ring where it is narrowest, lens aside, (n,) px."""
         width_mm = np.array([each.outer_mm - each.inner_mm for each in self.regions])
-        focal_px = min(self.camera.fx, self.camera.fy)
-        foreshortened = width_mm * np.cos(np.radians(self.incidence_deg))
-        out: NDArray[np.float64] = focal_px * foreshortened / self._outlines[:, :, 2].max(axis=1)
+        width_px = min(self.camera.fx, self.camera.fy) * width_mm / self._depths_mm.max(axis=1)
+        out: NDArray[np.float64] = width_px * np.cos(np.radians(self.incidence_deg))
         return out
 
 

@@ -322,10 +322,8 @@ class CaptureChances:
         if not len(self.weights):
             best: FloatArray = self.chance[:, ordered].max(axis=1)
             return best
-        total = self.lasting[:, :, ordered] * self.begun[:, :, ordered]
-        total[:, :, 1:] -= self.begun[:, :, ordered[:-1]] * self.lasting[:, :, ordered[1:]]
-        out: FloatArray = np.einsum("q,nqm->n", self.weights, total)
-        return np.clip(out, 0.0, 1.0)
+        out: FloatArray = _any_of(self.weights, self.begun, self.lasting, np.array(ordered))
+        return out
 
     def take(self, features: Sequence[str]) -> CaptureChances:
         """Return the chances of some of the features."""
@@ -355,6 +353,24 @@ def _checked(settings_ms: ArrayLike) -> FloatArray:
         )
         raise InputError(msg)
     return settings
+
+
+@njit()
+def _any_of(
+    weights: FloatArray, begun: FloatArray, lasting: FloatArray, places: NDArray[np.int64]
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the chance that at least one of the captures at ascending places serves, (n,)."""
+    n, q, _ = begun.shape
+    out = np.zeros(n)
+    for i in range(n):
+        for k in range(q):
+            before, total = 0.0, 0.0
+            for place in places:
+                total += lasting[i, k, place] * (begun[i, k, place] - before)
+                before = begun[i, k, place]
+            out[i] += weights[k] * total
+        out[i] = min(max(out[i], 0.0), 1.0)
+    return out
 
 
 @njit()

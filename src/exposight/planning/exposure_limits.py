@@ -7,7 +7,8 @@ chosen inside a window, never rounded to the nearest one, which may lie outside.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.resources import files
@@ -206,19 +207,24 @@ class ExposureLimits:
         first, last = self._settings_in(low_ms, high_ms)
         if last - first < count:
             return self._placed(np.arange(first, last + 1))
-        end = self._time_at(last)
-        places = [first]
-        for left in range(count - 1, 0, -1):  # the rest of the window in `left` equal ratios
-            here = self._time_at(places[-1])
-            wish = here * (end / here) ** (1.0 / left)
-            place = self._settings_in(low_ms, wish)[1] if left > 1 else last
+        time_at, last_until = self._lookups
+        end, places = time_at(last), [first]
+        for left in range(count - 1, 1, -1):  # the rest of the window in `left` equal ratios
+            here = time_at(places[-1])
+            place = last_until(here * (end / here) ** (1.0 / left))
             places.append(max(place, places[-1] + 1))
+        places.append(max(last, places[-1] + 1))
         return self._placed(np.array(places))
 
-    def _time_at(self, place: int) -> float:
+    @cached_property
+    def _lookups(self) -> tuple[Callable[[int], float], Callable[[float], int]]:
+        """Return what gives the time at a place, and the last place up to a time."""
+        step, slack = self.increment_ms, _SAME * self.increment_ms
         if self._listed_ms is None:
-            return self.min_ms + place * self.increment_ms
-        return float(self._listed_ms[place])
+            low, lower = self.min_ms, self.min_ms - slack
+            return lambda place: low + place * step, lambda ms: math.floor((ms - lower) / step)
+        listed = self._listed_ms.tolist()
+        return listed.__getitem__, lambda ms: bisect_right(listed, ms + slack) - 1
 
     def _placed(self, places: NDArray[np.int64]) -> FloatArray:
         return self._at(places) if self._listed_ms is None else self._listed_ms[places]

@@ -160,11 +160,10 @@ def _captures_ahead(chances: CaptureChances, targets: FloatArray, count: int) ->
     first, last = ranges.argmax(axis=1), m - 1 - ranges[:, ::-1].argmax(axis=1)
     ends = np.full(m, m, dtype=np.int64)  # the nearest end of a range that begins there
     np.minimum.at(ends, first, last)
-    ahead, nearest = np.zeros(m + 1, dtype=np.int64), m
+    nearest, ahead = np.minimum.accumulate(ends[::-1])[::-1].tolist(), [0] * (m + 1)
     for i in range(m - 1, -1, -1):
-        nearest = min(nearest, int(ends[i]))
-        ahead[i] = 0 if nearest == m else ahead[nearest + 1] + 1
-    return ahead
+        ahead[i] = 0 if nearest[i] == m else ahead[nearest[i] + 1] + 1
+    return np.array(ahead)
 
 
 @njit()

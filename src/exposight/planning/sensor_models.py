@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -183,7 +184,7 @@ class SensorModels:
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
         return chained_forecast(self.quality, self.exposure, poses, times_ms, need)
 
-    @property
+    @cached_property
     def limits(self) -> ExposureLimits | None:
         """What the sensor that they were trained on can be set to."""
         return None if self.sensor is None else ExposureLimits.of(self.sensor)
