@@ -10,7 +10,7 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from exposight import __version__
-from exposight.service import listing_routes, question_routes
+from exposight.service import capture_routes, listing_routes, question_routes
 from exposight.service.computing import Computing
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
@@ -56,7 +56,7 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
     app.state.started = time.time()
     app.state.warm = False
     add_fault_handlers(app)
-    for routes in (listing_routes, question_routes):
+    for routes in (listing_routes, question_routes, capture_routes):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
     return app

@@ -143,6 +143,10 @@ class ServedFolder:
         """Return the name of a path in the folder."""
         return path.relative_to(self.root).as_posix()
 
+    def without_root(self, error: ExposightError) -> str:
+        """Return an error's message without the folder's own path, which is nobody's business."""
+        return str(error).replace(f"{self.root}/", "")
+
     def _resolved(self, name: str, what: str) -> Path:
         check_name(name, what)
         path = Path(os.path.realpath(self.root / name))
