@@ -85,7 +85,7 @@ EXAMPLES: dict[str, Any] = {
     "plan": {
         "verdict": "1 capture in 1 view",
         "n_captures": 1,
-        "plan": {"format": "exposight exposure plan", "version": 1},
+        "plan": {"format": "exposight plan", "version": 1},
         "saved_as": None,
         "notes": [],
     },
