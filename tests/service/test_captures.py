@@ -144,9 +144,7 @@ def test_a_loop_goes_on_until_it_is_done(served, asking, capture_of, tmp_path):
         assert len(step.decisions) == steps
 
 
-def test_what_was_sent_twice_is_known_already(
-    served, asking, capture_of, about, capture_files
-):
+def test_what_was_sent_twice_is_known_already(served, asking, capture_of, about, capture_files):
     with asking(served) as client:
         client.post("/v1/next", json={"loop": "plate", **BEGIN})
         rows = observe(client, {**about, "view": "v1"}, parts(capture_files)).json()

@@ -108,7 +108,8 @@ def test_a_worker_that_dies_is_begun_again(original, serving):
         parent = listening_process(address)
         before = workers_of(parent)
         os.kill(before[0], signal.SIGKILL)
-        with Client(address) as client:
+        assert eventually(lambda: before[0] not in workers_of(parent))
+        with Client(address) as client:  # by the other one
             assert client.health()["status"] == "ok"
         assert eventually(lambda: len(workers_of(parent)) == 2 and workers_of(parent) != before)
         with Client(address) as client:
@@ -174,8 +175,7 @@ def test_a_client_that_sends_slowly_is_answered_408(address):
 def test_a_client_that_never_sends_its_headers_is_left(address):
     with raw(address) as client:
         client.sendall(b"GET /v1/health HTTP/1.1\r\nHost: local")
-        client.settimeout(20.0)
-        assert client.recv(1000) == b"" or True
+        assert client.recv(1000) == b""
 
 
 def test_clients_that_leave_in_the_middle_do_no_harm(address):
