@@ -49,7 +49,7 @@ def listening_process(address):
     )
     for each in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if any(os.readlink(fd) == f"socket:[{inode}]" for fd in (each / "fd").iterdir()):
+            if any(str(fd.readlink()) == f"socket:[{inode}]" for fd in (each / "fd").iterdir()):
                 return int(each.name)
     raise AssertionError("nobody listens")
 
@@ -65,7 +65,7 @@ def connections_of(worker, address):
     count = 0
     for each in Path(f"/proc/{worker}/fd").iterdir():
         with contextlib.suppress(OSError):
-            count += os.readlink(each).removeprefix("socket:[").removesuffix("]") in inodes
+            count += str(each.readlink()).removeprefix("socket:[").removesuffix("]") in inodes
     return count
 
 
@@ -130,14 +130,13 @@ def test_workers_end_with_a_killed_parent(original, tmp_path):
 
 
 def test_what_is_being_answered_is_finished_at_sigterm(original, serving):
-    with serving(original, workers=1) as address:
-        with Client(address) as client:
-            client.health()
-            with ThreadPoolExecutor(1) as pool:
-                answer = pool.submit(client.forecast, **ABOUT)
-                time.sleep(0.01)
-                os.kill(listening_process(address), signal.SIGTERM)
-                assert answer.result()["features"]
+    with serving(original, workers=1) as address, Client(address) as client:
+        client.health()
+        with ThreadPoolExecutor(1) as pool:
+            answer = pool.submit(client.forecast, **ABOUT)
+            time.sleep(0.01)
+            os.kill(listening_process(address), signal.SIGTERM)
+            assert answer.result()["features"]
 
 
 def test_bodies_of_200_mb_are_refused_before_they_have_arrived(address):
@@ -220,9 +219,9 @@ def test_the_client_raises_what_the_library_raises(address, capture_files, captu
         assert client.models()[0]["name"] == "models"
         assert client.parts()[0]["part"] == "plate"
         assert client.plans()["exposure_plans"] == ["plan.json"]
-    with Client("http://127.0.0.1:9", timeout_s=2.0) as client:
-        with pytest.raises(ServiceError, match="is the server running"):
-            client.health()
+    unreachable = pytest.raises(ServiceError, match="is the server running")
+    with Client("http://127.0.0.1:9", timeout_s=2.0) as client, unreachable:
+        client.health()
 
 
 def test_a_token_is_asked_for_by_every_worker(original, serving, tmp_path):
