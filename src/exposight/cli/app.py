@@ -46,6 +46,7 @@ COMMANDS = {
     "plan": "Plan which exposures to take in which views of a part.",
     "compare": "Compare ways to choose exposure times on views whose every outcome is known.",
     "propose": "Name the capture that would tell most of what is to be measured.",
+    "serve": "Answer over HTTP what models, campaigns and plans in a folder tell.",
     "report": "Write a page about a campaign and models.",
     "reproduce": "Repeat the paper's study and compare it with the published numbers.",
     "info": "Identify a file or folder and summarise its content.",

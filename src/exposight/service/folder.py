@@ -1,0 +1,355 @@
+"""The served folder: models, campaigns, plans, parts and sensors, by their path in it.
+
+Nothing that a request names is opened outside the folder. What was read is kept until its files
+change.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar, cast
+
+from exposight.cell import PRESETS, ActiveSensor, Part, read_features, read_sensor
+from exposight.errors import (
+    FileError,
+    FormatError,
+    InputError,
+    MissingFileError,
+    SensorError,
+    did_you_mean,
+)
+from exposight.files import spelled
+from exposight.models import MODEL_SUFFIX
+from exposight.observing import Campaign, View, open_campaign
+from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
+
+_LONGEST_NAME = 255
+"""Characters of a name, and of each of its steps."""
+
+_DEEPEST, _MOST_ENTRIES = 6, 20_000
+"""How far below the folder, and among how many files, a listing looks."""
+
+_MOST_KEPT = 64
+"""Files and folders whose content is kept."""
+
+_HEAD = 400
+"""Bytes of a JSON file in which its format is named, or it is none of ours."""
+
+_Value = TypeVar("_Value")
+_Identity = tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listing:
+    """What a folder has, by name."""
+
+    models: tuple[str, ...] = ()
+    campaigns: tuple[str, ...] = ()
+    exposure_plans: tuple[str, ...] = ()
+    measuring_plans: tuple[str, ...] = ()
+    features: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+
+
+class ServedFolder:
+    """A folder whose content requests name by relative paths with ``/``.
+
+    Parameters
+    ----------
+    root : Path
+        The folder.
+
+    Raises
+    ------
+    MissingFileError
+        If it is not there.
+    """
+
+    def __init__(self, root: Path) -> None:
+        if not Path(root).is_dir():
+            msg = f"no folder at {root}: give the folder with models and campaigns to serve"
+            raise MissingFileError(msg)
+        self.root = Path(root).resolve()
+        self._kept: dict[tuple[str, str], tuple[_Identity, Any]] = {}
+        self._lock = threading.Lock()
+
+    # -- names ----------------------------------------------------------------------------------
+
+    def inside(self, name: str, what: str = "file or folder") -> Path:
+        """Return the path of something in the folder; ``.`` is the folder itself.
+
+        Parameters
+        ----------
+        name : str
+            Relative path, its steps joined by ``/``.
+        what : str
+            What it is, for messages.
+
+        Raises
+        ------
+        InputError
+            If it is no plain relative path.
+        MissingFileError
+            If there is nothing, or only by a link that leads out of the folder.
+        FileError
+            If it is a device, a pipe or the like.
+        """
+        path = self._resolved(name, what)
+        try:
+            kind = path.stat().st_mode
+        except OSError as error:
+            msg = f"no {what} {name!r} in the served folder{self._alike(name)}"
+            raise MissingFileError(msg) from error
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            msg = f"{name!r} is a device, a pipe or the like, no {what}"
+            raise FileError(msg)
+        return path
+
+    def new(self, name: str, what: str = "file") -> Path:
+        """Return the path of something that is to be made in the folder; its parents are made.
+
+        Raises
+        ------
+        InputError, MissingFileError
+            As `inside`.
+        FileError
+            If its parent cannot be made.
+        """
+        if name in {"", "."}:
+            msg = f"the {what} needs a name"
+            raise InputError(msg)
+        path = self._resolved(name, what)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            msg = f"{name!r} cannot be made: {error.strerror}"
+            raise FileError(msg) from error
+        return path
+
+    def name_of(self, path: Path) -> str:
+        """Return the name of a path in the folder."""
+        return path.relative_to(self.root).as_posix()
+
+    def _resolved(self, name: str, what: str) -> Path:
+        check_name(name, what)
+        path = Path(os.path.realpath(self.root / name))
+        if not path.is_relative_to(self.root):
+            msg = f"no {what} {name!r} in the served folder: it leads out of it"
+            raise MissingFileError(msg)
+        return path
+
+    def _alike(self, name: str) -> str:
+        parent = self.root / PurePosixPath(name).parent
+        try:
+            names = [self.name_of(Path(each.path)) for each in os.scandir(parent)]
+        except (OSError, ValueError):
+            return ""
+        return did_you_mean(name, names)
+
+    # -- content --------------------------------------------------------------------------------
+
+    def models(self, name: str, target: str = "p_norm") -> SensorModels:
+        """Return the models in a folder, or of a model file.
+
+        Raises
+        ------
+        ExposightError
+            If they are not there, or not a quality and an exposure-time model.
+        """
+        path = self.inside(name, "models")
+        files = sorted(path.glob(f"*{MODEL_SUFFIX}")) if path.is_dir() else [path]
+        if not files:
+            msg = f"no models {name!r} in the served folder: expected *{MODEL_SUFFIX} files in it"
+            raise MissingFileError(msg)
+        return self._keep(
+            f"models of {target}", path, files, lambda: SensorModels.load(path, target=target)
+        )
+
+    def campaign(self, name: str) -> Campaign:
+        """Return a campaign, with the captures that it has now.
+
+        Raises
+        ------
+        ExposightError
+            If it is not there, or damaged.
+        """
+        path = self.inside(name, "campaign")
+        if not (path / "campaign.json").is_file():
+            msg = f"no campaign {name!r} in the served folder{self._alike(name)}"
+            raise MissingFileError(msg)
+        captures = path / "captures"  # its time changes with every capture
+        files = [path / "campaign.json", *([captures] if captures.is_dir() else [])]
+        return self._keep("campaign", path, files, lambda: open_campaign(path))
+
+    def view_named(self, campaign: Campaign, name: str) -> View:
+        """Return a view that a campaign was measured from.
+
+        Raises
+        ------
+        MissingFileError
+            If there is none of that name.
+        """
+        poses = {each.view: each.camera_from_part for each in campaign.descriptions()}
+        if name not in poses:
+            msg = f"{campaign.name}: no view {name!r}{did_you_mean(name, poses)}"
+            raise MissingFileError(msg)
+        return campaign.view(poses[name], name)
+
+    def features(self, name: str) -> Part:
+        """Return a part by its list of features.
+
+        Raises
+        ------
+        ExposightError
+            If it is not there, or no such list.
+        """
+        path = self._file(name, "list of features")
+        return self._keep(
+            "part",
+            path,
+            [path],
+            lambda: Part(name=spelled(path.stem), features=read_features(path)),
+        )
+
+    def sensor(self, name: str) -> ActiveSensor:
+        """Return a sensor by a preset's name, or its JSON file in the folder.
+
+        Raises
+        ------
+        ExposightError
+            If there is none.
+        """
+        if name in PRESETS:
+            return PRESETS[name]
+        if not name.lower().endswith(".json"):
+            msg = (
+                f"no sensor {name!r}: expected one of {', '.join(PRESETS)}, or a JSON file in the "
+                f"served folder{did_you_mean(name, PRESETS)}"
+            )
+            raise SensorError(msg)
+        path = self._file(name, "sensor")
+        return self._keep("sensor", path, [path], lambda: read_sensor(path))
+
+    def exposure_plan(self, name: str) -> ExposurePlan:
+        """Return an exposure plan.
+
+        Raises
+        ------
+        ExposightError
+            If it is not there, or none.
+        """
+        path = self._file(name, "exposure plan")
+        return self._keep("exposure plan", path, [path], lambda: read_exposure_plan(path))
+
+    def _file(self, name: str, what: str) -> Path:
+        path = self.inside(name, what)
+        if path.is_dir():
+            msg = f"{name!r} is a folder; expected the file of a {what}"
+            raise FormatError(msg)
+        return path
+
+    def _keep(
+        self, kind: str, path: Path, files: Iterable[Path], read: Callable[[], _Value]
+    ) -> _Value:
+        """Return what was read of files, or read it again where one of them has changed."""
+        key, identity = (kind, str(path)), tuple(map(_identity, files))
+        with self._lock:
+            kept = self._kept.get(key)
+            if kept is not None and kept[0] == identity:
+                return cast("_Value", kept[1])
+        value = read()
+        with self._lock:
+            self._kept.pop(key, None)
+            self._kept[key] = identity, value
+            while len(self._kept) > _MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+        return value
+
+    # -- listing --------------------------------------------------------------------------------
+
+    def listing(self) -> Listing:
+        """Return what the folder has, as far as its files' names and first bytes tell."""
+        found: dict[str, list[str]] = {name: [] for name in Listing.__dataclass_fields__}
+        for folder, names in self._walk():
+            place = self.name_of(folder)
+            if any(name.endswith(MODEL_SUFFIX) for name in names):
+                found["models"].append(place)
+            if "campaign.json" in names:
+                found["campaigns"].append(place)
+                continue
+            for name in names:
+                if kind := _kind_of(folder / name):
+                    found[kind].append(self.name_of(folder / name))
+        return Listing(**{kind: tuple(sorted(names)) for kind, names in found.items()})
+
+    def _walk(self) -> Iterator[tuple[Path, list[str]]]:
+        """Yield folders with their files' names; not what is within a campaign."""
+        left, waiting = _MOST_ENTRIES, [(self.root, 0)]
+        while waiting and left > 0:
+            folder, depth = waiting.pop()
+            try:
+                entries = sorted(os.scandir(folder), key=lambda entry: entry.name)[:left]
+            except OSError:
+                continue
+            left -= len(entries)
+            shown = [entry for entry in entries if not entry.name.startswith(".")]
+            files = [each.name for each in shown if each.is_file(follow_symlinks=False)]
+            yield folder, files
+            if depth < _DEEPEST and "campaign.json" not in files:
+                folders = [each for each in shown if each.is_dir(follow_symlinks=False)]
+                waiting += [(Path(each.path), depth + 1) for each in reversed(folders)]
+
+
+def check_name(name: str, what: str) -> None:
+    """Check that a name is a plain relative path.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    steps = name.split("/")
+    if len(name) > _LONGEST_NAME or any(len(each.encode()) > _LONGEST_NAME for each in steps):
+        msg = f"the name of the {what} has {len(name)} characters; up to {_LONGEST_NAME} may be"
+        raise InputError(msg)
+    plain = name == "." or all(each not in {"", ".", ".."} for each in steps)
+    if not plain or not name.isprintable() or any(each in name for each in "\\:"):
+        msg = (
+            f"{name!r} does not name a {what}: expected its path in the served folder, such as "
+            "door/models, without .. and backslashes"
+        )
+        raise InputError(msg)
+
+
+def _identity(path: Path) -> tuple[int, int, int]:
+    about = path.stat()
+    return about.st_mtime_ns, about.st_size, about.st_ino
+
+
+def _kind_of(path: Path) -> str:
+    """Return what a file is by its name and first bytes; empty where it is nothing of ours."""
+    match path.suffix.lower():
+        case ".json":
+            return _kind_of_json(path)
+        case ".toml" | ".yaml" | ".yml":
+            return "measuring_plans"
+        case ".csv" if "feature" in path.name.lower():
+            return "features"
+        case _:
+            return ""
+
+
+def _kind_of_json(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return ""
+    if b'"exposight exposure plan"' in head:
+        return "exposure_plans"
+    return "sensors" if b'"exposight sensor"' in head else ""

@@ -1,0 +1,183 @@
+"""What is looked at before a request is answered: who asks, from which page, and how much it sends.
+
+A browser that shows a foreign page may send requests to this machine. Without a token the server
+answers only those that name a loopback host and come from its own pages: a foreign page can neither
+pass the first check by a name of its own that resolves to this machine (DNS rebinding), nor the
+second one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from exposight.service.faults import fault
+
+LEAST_TOKEN = 16
+"""Characters of a token."""
+
+_LOOPBACK = {"localhost", "127.0.0.1", "::1"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What one request may take.
+
+    Parameters
+    ----------
+    body_bytes : int
+        Size of a body, uploads included.
+    path_chars : int
+        Length of a path with its query.
+    pixels : int
+        Pixels of an image, looked at before it is decoded.
+    points : int
+        Points of a cloud that is not organised.
+    request_s : float, s
+        Time for a body to arrive, and for its answer.
+    busy : int
+        Requests that one process computes at once.
+    waiting : int
+        Requests that wait for their turn; more are refused.
+    features, views, exposures : int
+        Features of a part, views of a plan, exposure times of a forecast.
+    """
+
+    body_bytes: int = 64_000_000
+    path_chars: int = 2048
+    pixels: int = 50_000_000
+    points: int = 50_000_000
+    request_s: float = 60.0
+    busy: int = 2
+    waiting: int = 32
+    features: int = 2000
+    views: int = 500
+    exposures: int = 1000
+
+
+class Guard:
+    """ASGI middleware that refuses who may not ask, and bodies that are too large or too slow.
+
+    Parameters
+    ----------
+    app : ASGI application
+    limits : Limits
+    token : str, optional
+        What clients must send as ``Authorization: Bearer TOKEN``. Without one only loopback hosts
+        and the server's own pages are answered.
+    """
+
+    def __init__(self, app: ASGIApp, limits: Limits, token: str | None = None) -> None:
+        self._app, self._limits = app, limits
+        self._bearer = None if token is None else f"Bearer {token}".encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif scope["type"] == "http":
+            headers = dict(scope["headers"])
+            refused = self._refusal(scope, headers)
+            if refused is None:
+                body = _LimitedBody(receive, self._limits)
+                await self._app(scope, body.receive, send)
+            else:
+                await fault(*refused)(scope, receive, send)
+        else:
+            await send({"type": "websocket.close", "code": 1008})
+
+    def _refusal(self, scope: Scope, headers: dict[bytes, bytes]) -> tuple[int, str, str] | None:
+        """Return why a request is not answered: status, kind and message."""
+        length = len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"")
+        if length > self._limits.path_chars:
+            most = self._limits.path_chars
+            return 414, "PathTooLong", f"the path has {length} characters, and up to {most} may be"
+        if self._bearer is not None:
+            given = headers.get(b"authorization", b"")
+            if not is_open(scope["path"]) and not hmac.compare_digest(given, self._bearer):
+                return 401, "NotAuthorised", "a valid token is needed: Authorization: Bearer TOKEN"
+        elif not _is_loopback(headers.get(b"host", b"")):
+            message = "without a token the server answers requests to localhost alone"
+            return 403, "Forbidden", message
+        if not _same_origin(headers):
+            return 403, "Forbidden", "the request comes from a page of another origin"
+        return self._too_large(headers)
+
+    def _too_large(self, headers: dict[bytes, bytes]) -> tuple[int, str, str] | None:
+        announced = headers.get(b"content-length", b"")
+        if announced.isdigit() and int(announced) > self._limits.body_bytes:
+            return 413, "TooLarge", _too_large_message(self._limits)
+        return None
+
+
+def is_open(path: str) -> bool:
+    """Tell whether a path is answered without a token: the live page's frame, which holds no data.
+
+    Browsers cannot send a token when a page is opened; the page asks for it, and sends it with
+    every request for data.
+    """
+    return path == "/" or path.startswith("/assets/")
+
+
+def _is_loopback(host: bytes) -> bool:
+    try:
+        name = urlsplit(f"//{host.decode('ascii')}").hostname
+    except ValueError:
+        return False
+    return name in _LOOPBACK
+
+
+def _same_origin(headers: dict[bytes, bytes]) -> bool:
+    """Tell whether a request comes from this server's page, or from no browser."""
+    if headers.get(b"sec-fetch-site", b"none") not in {b"none", b"same-origin"}:
+        return False
+    origin = headers.get(b"origin")
+    if origin is None:
+        return True
+    try:
+        return urlsplit(origin.decode("ascii")).netloc.encode() == headers.get(b"host")
+    except ValueError:
+        return False
+
+
+def _too_large_message(limits: Limits) -> str:
+    return f"the body has more than {limits.body_bytes / 1e6:g} MB, which is the most that is taken"
+
+
+class _LimitedBody:
+    """A body as it arrives, up to a size and within a time."""
+
+    def __init__(self, receive: Receive, limits: Limits) -> None:
+        self._receive, self._limits = receive, limits
+        self._bytes, self._complete = 0, False
+        self._deadline: float | None = None
+
+    async def receive(self) -> Message:
+        """Return the next piece.
+
+        Raises
+        ------
+        HTTPException
+            413 where the body is too large, 408 where it does not arrive.
+        """
+        if self._complete:  # what comes next says that the client has left, whenever it does
+            return await self._receive()
+        loop = asyncio.get_running_loop()
+        if self._deadline is None:
+            self._deadline = loop.time() + self._limits.request_s
+        try:
+            async with asyncio.timeout_at(self._deadline):
+                message = await self._receive()
+        except TimeoutError as error:
+            msg = f"the body did not arrive within {self._limits.request_s:g} s"
+            raise HTTPException(408, msg, {"Connection": "close"}) from error
+        self._bytes += len(message.get("body", b""))
+        self._complete = not message.get("more_body", False)
+        if self._bytes > self._limits.body_bytes:
+            raise HTTPException(413, _too_large_message(self._limits), {"Connection": "close"})
+        return message
