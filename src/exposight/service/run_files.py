@@ -7,6 +7,7 @@ which the system lets go of when a process dies, tells whether anybody measures.
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -137,7 +138,7 @@ class RunState:
     models: Annotated[str | None, Field(description="Name of the models that decide.")]
     driver: Annotated[dict[str, Any], Field(description="Who takes the captures, as requested.")]
     campaign: Annotated[str, Field(description="Name of the campaign that grows.")]
-    n_captures: Annotated[int, Field(description="Captures on disk.")]
+    n_captures: Annotated[int, Field(description="Captures of which it is known what they gave.")]
     n_features: Annotated[int, Field(description="Features to measure.")]
     n_had: Annotated[
         int | None,
@@ -207,6 +208,10 @@ class RunFolder:
     def campaign(self) -> Path:
         """Where its captures are."""
         return self.path / CAMPAIGN
+
+    def is_run(self) -> bool:
+        """Tell whether there is a run."""
+        return (self.path / _STATE).is_file()
 
     @property
     def request(self) -> RunRequest:
@@ -339,7 +344,7 @@ class EventLog:
         OSError
             If the disk is full or refuses; nothing of it is then left in the file.
         """
-        event = Event(seq=self.last_seq + 1, time=now(), kind=kind, text=text, data=data)
+        event = Event(seq=self.last_seq + 1, time=now(), kind=kind, text=text, data=_plain(data))
         line = json.dumps(vars(event), ensure_ascii=False).encode("utf-8", "replace") + b"\n"
         try:
             written = 0
@@ -351,6 +356,21 @@ class EventLog:
         self._end += len(line)
         self.last_seq = event.seq
         return event
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it, which knows no number that is not finite."""
+    match value:
+        case dict():
+            return {str(key): _plain(each) for key, each in value.items()}
+        case list() | tuple():
+            return [_plain(each) for each in value]
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case None | bool() | int() | str():
+            return value
+        case _:
+            return str(value)
 
 
 def _cut(descriptor: int) -> list[Event]:

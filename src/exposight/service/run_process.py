@@ -23,7 +23,7 @@ from exposight.measuring.decisions import HAD, Decision
 from exposight.planning import ExposurePlan
 from exposight.planning.loop_report import Outcome, Request
 from exposight.service.folder import ServedFolder
-from exposight.service.run_files import EventKind, EventLog, RunFolder, RunStateName, now
+from exposight.service.run_files import EventKind, EventLog, RunFolder, RunStateName
 from exposight.service.run_work import RunWork, run_work
 from exposight.tables import number
 
@@ -216,7 +216,7 @@ def main(served: str, name: str, lock: str) -> None:
     """
     os.set_inheritable(int(lock), False)
     folder = ServedFolder(Path(served))
-    RunProcess(RunFolder(folder.path / "runs" / name)).carry_out(folder)
+    RunProcess(RunFolder(folder.root / "runs" / name)).carry_out(folder)
 
 
 if __name__ == "__main__":

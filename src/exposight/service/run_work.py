@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 from exposight.cell import PRESETS, Driver
 from exposight.drivers import ReplayDriver
@@ -104,7 +105,7 @@ def _simulated_cell(
     plan: ExposurePlan | MeasuringPlan,
     models: SensorModels | None,
 ) -> SimulatedCell:
-    given = {"lamp": wanted.lamp_power, "finish": wanted.finish}
+    given: dict[str, Any] = {"lamp": wanted.lamp_power, "finish": wanted.finish}
     if isinstance(plan, MeasuringPlan):
         changes = {name: value for name, value in given.items() if value is not None}
         if wanted.rings_only:
@@ -118,6 +119,6 @@ def _simulated_cell(
             "on it (exposight train --sensor)"
         )
         raise SensorError(msg)
-    settings = replace(SimulatedCellSettings(), **given, rings_only=wanted.rings_only)
+    settings = SimulatedCellSettings(**given, rings_only=wanted.rings_only)
     features = [each.feature for each in plan.features]
     return SimulatedCell(sensor, settings, seed=wanted.seed or 0, features=features)
