@@ -23,6 +23,7 @@ from typing import Any
 import httpx
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
 
+from exposight.cell import Driver
 from exposight.measuring import measure_adaptively
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
 from exposight.planning import write_exposure_plan
@@ -55,7 +56,8 @@ def killed_service_lost(folder: Path, *, kills: int = 20, seed: int = 1) -> dict
     """
     plan = _long_plan()
     write_exposure_plan(folder / "plan.json", plan)
-    measure_adaptively(plan, PlateDriver(), folder / "whole", models=None)
+    driver: Driver = PlateDriver()  # type: ignore[no-untyped-call]
+    measure_adaptively(plan, driver, folder / "whole", models=None)
     expected, chance = _content(folder / "whole"), random.Random(seed)
     lost = killed = finished = 0
     while killed < kills:
@@ -83,7 +85,7 @@ def killed_service_lost(folder: Path, *, kills: int = 20, seed: int = 1) -> dict
 
 def _long_plan() -> ExposurePlan:
     """Return the plan of the tests' plate with many exposure times."""
-    plan = plate_exposure_plan()
+    plan: ExposurePlan = plate_exposure_plan()  # type: ignore[no-untyped-call]
     exposures = tuple(
         PlannedExposure(exposure_ms=t, set_value=t, set_unit="ms", order=order, covers=())
         for order, t in enumerate(_TIMES_MS, start=1)
