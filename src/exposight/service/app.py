@@ -10,11 +10,18 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from exposight import __version__
-from exposight.service import capture_routes, listing_routes, question_routes
+from exposight.service import (
+    campaign_routes,
+    capture_routes,
+    listing_routes,
+    question_routes,
+    run_routes,
+)
 from exposight.service.computing import Computing
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Guard, Limits
+from exposight.service.runs import Runs
 
 _ABOUT = """Predicts the point-cloud quality and the exposure time of active 3D sensors.
 
@@ -51,12 +58,19 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
         redoc_url=None,
     )
     app.state.folder = ServedFolder(folder)
+    app.state.runs = Runs(app.state.folder)
     app.state.limits = limits
     app.state.computing = Computing(limits)
     app.state.started = time.time()
     app.state.warm = False
     add_fault_handlers(app)
-    for routes in (listing_routes, question_routes, capture_routes):
+    for routes in (
+        listing_routes,
+        question_routes,
+        capture_routes,
+        run_routes,
+        campaign_routes,
+    ):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
     return app
@@ -68,4 +82,5 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     app.state.folder.warm_up()
     app.state.warm = True
     yield
+    app.state.runs.close()
     app.state.computing.close()
