@@ -8,7 +8,7 @@ again, in their order, and the loop goes on where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -126,6 +126,7 @@ def measure_adaptively(
     clouds: bool = True,
     progress: Progress = ignore_progress,
     tell: Callable[[Decision], None] = lambda _decision: None,
+    ask: Callable[[Request, Sequence[Outcome]], None] = lambda _request, _outcomes: None,
 ) -> LoopResult:
     """Carry out an exposure plan, and correct it by what each capture shows.
 
@@ -151,6 +152,9 @@ def measure_adaptively(
         Called with the features that are done and those in all.
     tell : callable
         Called with each decision as soon as its capture is written, those of an earlier run first.
+    ask : callable
+        Called before each capture with what is to be taken and what became of the features so far.
+        It may wait; what it raises ends the loop, and the same call goes on.
 
     Raises
     ------
@@ -174,7 +178,7 @@ def measure_adaptively(
     loop: Loop = OpenLoop(plan)
     if models is not None:
         loop = planned_loop(plan, models, part, driver.sensor)
-    return _LoopRun(plan, loop, driver, part, clouds, progress, tell).carry_out(
+    return _LoopRun(plan, loop, driver, part, clouds, progress, tell, ask).carry_out(
         Path(folder).resolve(), models
     )
 
@@ -264,6 +268,7 @@ class _LoopRun:
     clouds: bool
     progress: Progress
     tell: Callable[[Decision], None]
+    ask: Callable[[Request, Sequence[Outcome]], None]
 
     def carry_out(self, folder: Path, models: SensorModels | None) -> LoopResult:
         decisions: list[Decision] = []
@@ -294,6 +299,7 @@ class _LoopRun:
             write_decisions(folder, decisions)
             observer = Observer(self.part, self.driver.sensor)
             while (request := self.loop.next()) is not None:
+                self.ask(request, self.loop.outcomes)
                 self._note(decisions, self._capture(folder, writer, observer, request))
                 write_decisions(folder, decisions)
             campaign = CampaignFolder(folder)

@@ -157,6 +157,19 @@ def _stored(campaign: CampaignFolder, number: int) -> bytes:
 
 def write_table(campaign: CampaignFolder) -> None:
     """Write the observations of a campaign's captures, which lie beside them, as one table."""
+    write_durably(campaign.path / OBSERVATIONS_FILE, campaign_rows(campaign))
+
+
+def campaign_rows(campaign: CampaignFolder) -> bytes:
+    """Return the observations of a campaign's captures, which lie beside them, as one CSV.
+
+    Raises
+    ------
+    FormatError
+        If a capture was kept without them.
+    FileError
+        If they cannot be read.
+    """
     rows: dict[bytes, list[bytes]] = {}
     for number in campaign.numbers:
         header, _, body = _stored(campaign, number).partition(b"\n")
@@ -166,7 +179,7 @@ def write_table(campaign: CampaignFolder) -> None:
         frames = [pl.read_csv(table, infer_schema=False) for table in tables]
         # Their texts are as they were written, apostrophes and all.
         tables = [pl.concat(frames, how="diagonal").write_csv().encode()]
-    write_durably(campaign.path / OBSERVATIONS_FILE, tables[0] if tables else b"\n")
+    return tables[0] if tables else b"\n"
 
 
 def same_exposure(task_ms: float, taken_ms: float, increment_ms: float) -> bool:

@@ -10,10 +10,11 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from exposight import __version__
-from exposight.service import listing_routes
+from exposight.service import listing_routes, run_routes
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Guard, Limits
+from exposight.service.runs import Runs
 
 _ABOUT = """Predicts the point-cloud quality and the exposure time of active 3D sensors.
 
@@ -50,11 +51,12 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
         redoc_url=None,
     )
     app.state.folder = ServedFolder(folder)
+    app.state.runs = Runs(app.state.folder)
     app.state.limits = limits
     app.state.started = time.time()
     app.state.warm = False
     add_fault_handlers(app)
-    for routes in (listing_routes,):
+    for routes in (listing_routes, run_routes):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
     return app
@@ -65,3 +67,4 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Load what is served and compile what is used, before the first request."""
     app.state.warm = True
     yield
+    app.state.runs.close()

@@ -1,0 +1,290 @@
+"""Runs of a served folder: carried out, paused, stopped, killed and continued, always the same."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import threading
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import pytest
+from tests.measuring.conftest import PlateDriver, plate_exposure_plan
+from tests.service.conftest import ENDED, await_state, captured, request_of
+
+from exposight.cell import CampaignFolder
+from exposight.errors import FileError, MissingFileError
+from exposight.measuring import measure, measure_adaptively
+from exposight.planning import write_exposure_plan
+from exposight.service.faults import RequestError
+from exposight.service.folder import ServedFolder
+from exposight.service.run_files import EventLog, RunFolder, RunRequest, events_after, events_from
+from exposight.service.run_process import RunProcess
+from exposight.service.runs import Runs
+
+
+@pytest.fixture
+def runs(served):
+    opened = Runs(ServedFolder(served))
+    yield opened
+    opened.close()
+
+
+def started(runs, name="one", **changes):
+    return runs.start(RunRequest(**request_of(name, **changes)))
+
+
+def test_a_run_measures_what_the_library_measures(runs, served, tmp_path):
+    assert started(runs).state in {"starting", "running", "finished"}
+    state = await_state(lambda: runs.run("one").state)
+    expected = measure_adaptively(
+        plate_exposure_plan(), PlateDriver(), tmp_path / "expected", models=None
+    )
+    assert (state.state, state.verdict, state.error) == ("finished", expected.verdict, "")
+    assert state.n_captures == len(expected.decisions)
+    assert state.n_had == len(expected.succeeded)
+    assert captured(served / state.campaign) == captured(expected.campaign.path)
+    events, _ = events_after(runs.run("one").events, 0)
+    assert [each.seq for each in events] == list(range(1, state.last_seq + 1))
+    decisions = [each.data for each in events if each.kind == "decision"]
+    kept = (served / state.campaign / "decisions.jsonl").read_text().splitlines()
+    assert decisions == [json.loads(line) for line in kept]
+    asked = [each.data["view"] for each in events if each.kind == "request"]
+    assert asked == [each["view"] for each in decisions]
+    outcomes = {}
+    for each in events:
+        if each.kind == "outcomes":
+            outcomes |= {row["feature"]: row["status"] for row in each.data["outcomes"]}
+    assert outcomes == {each.feature: each.status for each in expected.outcomes}
+
+
+def test_a_measuring_plan_is_taken_as_it_is(runs, served, sheet_run):
+    runs.start(RunRequest(**sheet_run))
+    state = await_state(lambda: runs.run("sheet").state)
+    assert (state.state, state.error, state.n_had) == ("finished", "", None)
+    assert state.n_captures == len(CampaignFolder(served / state.campaign)) > 4
+    events, _ = events_after(runs.run("sheet").events, 0)
+    assert {each.kind for each in events} == {"state", "request", "progress"}
+
+
+def test_paused_stopped_and_continued_it_gives_the_same(runs, served, sheet_run, sheet_expected):
+    runs.start(RunRequest(**sheet_run))
+    runs.order("sheet", "pause")
+    runs.order("sheet", "pause")  # once more changes nothing
+    paused = await_state(lambda: runs.run("sheet").state, {"paused"})
+    assert len(list((served / paused.campaign / "captures").glob("[0-9]*"))) == paused.n_captures
+    assert runs.proceed("sheet").lives
+    runs.order("sheet", "stop")
+    assert runs.run("sheet").state.state in {"stopping", "stopped"}
+    assert await_state(lambda: runs.run("sheet").state).state == "stopped"
+    with pytest.raises(RequestError, match="continue it first"):
+        runs.order("sheet", "pause")
+    runs.proceed("sheet")
+    assert await_state(lambda: runs.run("sheet").state).state == "finished"
+    assert captured(served / paused.campaign) == sheet_expected
+    with pytest.raises(RequestError, match="finished"):
+        runs.proceed("sheet")
+
+
+def test_killed_at_any_instant_it_goes_on_and_nothing_is_lost(
+    runs, served, sheet_run, sheet_expected
+):
+    chance, kills = random.Random(5), 0
+    runs.start(RunRequest(**sheet_run))
+    while kills < 4:
+        time.sleep(chance.uniform(0.05, 1.5))
+        pid = runs._children[-1].pid
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+        runs._children[-1].wait()
+        kills += 1
+        folder = RunFolder(served / "runs" / "sheet" / "campaign")
+        before = captured(folder.path)
+        state = await_state(lambda: runs.run("sheet").state, {"interrupted", "finished"})
+        if state.state == "finished":
+            break
+        runs.proceed("sheet")
+        assert captured(folder.path).items() >= before.items()
+    assert await_state(lambda: runs.run("sheet").state).state == "finished"
+    assert captured(served / "runs/sheet/campaign") == sheet_expected
+    numbers = [each.seq for each in events_after(runs.run("sheet").events, 0)[0]]
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_of_clients_that_start_the_same_run_one_does(served):
+    servers = [Runs(ServedFolder(served)) for _ in range(4)]
+    answers, barrier = [], threading.Barrier(len(servers))
+
+    def start(server):
+        barrier.wait()
+        try:
+            answers.append(started(server, "race").name)
+        except RequestError as error:
+            answers.append(error.status)
+
+    threads = [threading.Thread(target=start, args=(each,)) for each in servers]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert sorted(answers, key=str) == [409, 409, 409, "race"]
+    assert await_state(lambda: servers[0].run("race").state).state == "finished"
+    for each in servers:
+        each.close()
+
+
+def test_a_run_ends_with_the_server_that_began_it(runs, served, sheet_run):
+    runs.start(RunRequest(**sheet_run))
+    await_state(lambda: runs.run("sheet").state, {"running"})
+    runs.close()
+    other = Runs(ServedFolder(served))
+    assert other.run("sheet").state.state == "interrupted"
+    with pytest.raises(RequestError):
+        other.order("sheet", "stop")
+    other.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "says"),
+    [
+        ({"plan": "none.json"}, FileError, "none.json"),
+        ({"plan": "recorded"}, Exception, "no plan"),
+        ({"plan": "../plan.json"}, Exception, "plan"),
+        ({"models": "models"}, MissingFileError, "models"),
+        ({"driver": {"kind": "replay", "recording": "nothing"}}, MissingFileError, "nothing"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_before_anything_is_written(
+    runs, served, changes, error, says
+):
+    with pytest.raises(error, match=says):
+        started(runs, **changes)
+    assert not (served / "runs" / "one").exists()
+
+
+def test_names_of_runs_are_plain(runs):
+    for name in ("..", "a/b", "", "x" * 65, "ä", ".hidden", "a\n"):
+        with pytest.raises(ValueError, match="name"):
+            started(runs, name)
+        with pytest.raises(MissingFileError):
+            runs.run(name)
+
+
+def test_a_driver_that_cannot_fails_the_run_and_keeps_captures(runs, served):
+    shutil.rmtree(served / "recorded" / "captures" / "000001")
+    started(runs)
+    state = await_state(lambda: runs.run("one").state)
+    assert (state.state, state.n_captures) == ("failed", 1)
+    assert "replay the exposure times" in state.error
+    shutil.rmtree(served / "recorded")
+    shutil.copytree(served / "whole", served / "recorded")
+    runs.proceed("one")
+    state = await_state(lambda: runs.run("one").state)
+    assert (state.state, state.error) == ("finished", "")
+
+
+class FullDisk(PlateDriver):
+    """The disk is full when the second capture is taken."""
+
+    def capture(self, *args, **options):
+        if len(self.taken) == 1:
+            raise FileError("no space left")
+        return super().capture(*args, **options)
+
+
+def test_a_full_disk_fails_the_run_in_the_space_kept_for_that(runs, served, monkeypatch):
+    started(runs)
+    await_state(lambda: runs.run("one").state)
+    folder = runs.run("one")
+    shutil.rmtree(folder.campaign)
+    folder.events.unlink()
+    write, reserve = os.write, folder.path / "reserve"
+    full = False
+
+    def refuse(descriptor, data):
+        if full and reserve.exists():
+            write(descriptor, data[:5])
+            raise OSError(28, "No space left on device")
+        return write(descriptor, data)
+
+    def measuring(plan, driver, *args, **options):
+        nonlocal full
+        full = True
+        return measure_adaptively(plan, FullDisk(), *args, **options)
+
+    monkeypatch.setattr("os.write", refuse)
+    monkeypatch.setattr("exposight.service.run_process.measure_adaptively", measuring)
+    RunProcess(folder).carry_out(ServedFolder(served))
+    state = runs.run("one").state
+    assert state.state == "failed"
+    assert "space" in state.error
+    events, _ = events_after(folder.events, 0)
+    assert [each.kind for each in events][-2:] == ["error", "state"]
+    monkeypatch.undo()
+    runs.proceed("one")
+    assert await_state(lambda: runs.run("one").state).state == "finished"
+    assert captured(folder.campaign) == captured(served / "expected")
+
+
+def test_a_torn_last_event_is_cut_and_numbers_go_on(tmp_path):
+    path = tmp_path / "events.jsonl"
+    log = EventLog(path)
+    for n in range(3):
+        log.append("progress", f"{n}", {"done": n})
+    whole = path.read_bytes()
+    for cut in range(1, 30):
+        path.write_bytes(whole[:-cut])
+        events, end = events_after(path, 0)
+        assert [each.seq for each in events] == [1, 2]
+        reopened = EventLog(path)
+        assert reopened.last_seq == 2
+        assert reopened.append("progress", "again", {"x": float("nan")}).seq == 3
+        later, _ = events_from(path, end)
+        assert [(each.seq, each.data) for each in later] == [(3, {"x": None})]
+
+
+def test_a_few_events_are_read_without_all_of_them(tmp_path):
+    path = tmp_path / "events.jsonl"
+    log = EventLog(path)
+    for n in range(3000):
+        log.append("progress", "x" * (n % 700), {"done": n})
+    for after in (0, 1, 1499, 2990, 2999, 3000, 4000):
+        events, end = events_after(path, after)
+        assert [each.seq for each in events] == list(range(after + 1, 3001))
+        assert end == path.stat().st_size
+    began = time.perf_counter()
+    for _ in range(20):
+        events_after(path, 2999)
+    assert (time.perf_counter() - began) / 20 < 0.01
+
+
+def test_what_another_plan_captured_is_not_continued(runs, served):
+    started(runs)
+    await_state(lambda: runs.run("one").state)
+    folder = runs.run("one")
+    folder.write_state(replace(folder.written_state, state="stopped"))
+    plan = plate_exposure_plan()
+    write_exposure_plan(served / "plan.json", replace(plan, target_p_norm=0.8))
+    runs.proceed("one")
+    state = await_state(lambda: runs.run("one").state, ENDED)
+    assert state.state == "failed"
+    assert "another" in state.error
+
+
+def test_measure_and_a_run_may_not_write_the_same_campaign(runs, served, sheet_run):
+    """A run's campaign is locked as any other."""
+    runs.start(RunRequest(**sheet_run))
+    await_state(lambda: runs.run("sheet").state, {"running"})
+    deadline = time.monotonic() + 30
+    while not (served / "runs/sheet/campaign/campaign.json").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    from exposight.plans import read_plan
+    from exposight.twin import SimulatedCell
+
+    plan = read_plan(served / "sheet.toml")
+    with pytest.raises(FileError, match="another writer"):
+        measure(plan, SimulatedCell.for_plan(plan, folder=served), served / "runs/sheet/campaign")
+    runs.order("sheet", "stop")
