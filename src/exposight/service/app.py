@@ -10,7 +10,7 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from exposight import __version__
-from exposight.service import listing_routes, run_routes
+from exposight.service import listing_routes, live_page, run_routes, shown_routes
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Guard, Limits
@@ -56,7 +56,7 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
     app.state.started = time.time()
     app.state.warm = False
     add_fault_handlers(app)
-    for routes in (listing_routes, run_routes):
+    for routes in (listing_routes, run_routes, shown_routes, live_page):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
     return app

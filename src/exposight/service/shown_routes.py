@@ -7,17 +7,26 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from exposight.cell import CampaignFolder
-from exposight.planning import ExposurePlan
+from exposight.measuring.record import EXPOSURE_PLAN_FILE
+from exposight.planning import ExposurePlan, read_exposure_plan
 from exposight.service.faults import answer, fault_answers
 from exposight.service.folder import ServedFolder
 from exposight.service.run_files import RUN_NAME, RunFolder, events_after
 from exposight.service.run_work import plan_of
+from exposight.service.runs import Runs
 from exposight.service.shown_run import ShownRun, feature_names
 from exposight.service.shown_surface import read_surface
 
 router = APIRouter()
 
 RunName = Annotated[str, Path(description="Of the run.", pattern=f"^{RUN_NAME}$")]
+
+
+@router.get("/v1/folder", responses=fault_answers())
+def folder_listing(request: Request) -> Response:
+    """Return the names of what the served folder has: models, campaigns, plans and the like."""
+    served: ServedFolder = request.app.state.folder
+    return answer({kind: list(names) for kind, names in vars(served.listing()).items()})
 
 
 @router.get("/v1/runs/{name}/scene", responses=fault_answers(404))
@@ -43,15 +52,16 @@ def curve(
 
 
 def _run_folder(request: Request, name: str) -> RunFolder:
-    served: ServedFolder = request.app.state.folder
-    return RunFolder(served.inside(f"runs/{name}", "run"))
+    runs: Runs = request.app.state.runs
+    return runs.run(name)
 
 
 def _shown(request: Request, folder: RunFolder) -> ShownRun:
     """Return a run as it stands on disk now."""
     served: ServedFolder = request.app.state.folder
     asked, state = folder.request, folder.state
-    plan = plan_of(asked, served)
+    promised = folder.campaign / EXPOSURE_PLAN_FILE  # as it was when the run began
+    plan = read_exposure_plan(promised) if promised.is_file() else plan_of(asked, served)
     there = (folder.campaign / "campaign.json").is_file()
     events, _ = events_after(folder.events, 0)
     outcomes = {

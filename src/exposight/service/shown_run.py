@@ -301,11 +301,12 @@ def _placed(part: Part | None, name: str) -> dict[str, Any]:
 def _standing(camera_from_part: RigidTransform | None) -> dict[str, Any]:
     """Return where the camera stands in the part's frame, and where it looks."""
     if camera_from_part is None:
-        return {"camera_position_mm": None, "axis": None}
+        return {"camera_position_mm": None, "axis": None, "up": None}
     part_from_camera = camera_from_part.inverse()
     return {
         "camera_position_mm": np.round(part_from_camera.translation_mm, 2).tolist(),
         "axis": np.round(part_from_camera.rotation[:, 2], 5).tolist(),
+        "up": np.round(-part_from_camera.rotation[:, 1], 5).tolist(),
     }
 
 

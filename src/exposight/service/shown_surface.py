@@ -17,7 +17,7 @@ SURFACE_FILE = "surface.json"
 """In a run's folder."""
 
 _MOST_TRIANGLES = 3000
-_FINEST = 400
+_FINEST = 300
 """Cells of the grid along the part's longest side, at most."""
 
 _LIMIT_BYTES = 4_000_000
@@ -42,6 +42,8 @@ def coarse_surface(
         ``vertices``, x, y and z in mm one after the other; ``triangles``, three indices each, one
         after the other; ``shade``, how bright each vertex is drawn, 0 to 1.
     """
+    if len(faces) > most:  # once for what is far too fine, then as fine as may be
+        vertices, faces = _clustered(vertices, faces, _FINEST)
     low, high = 1, _FINEST
     best = _clustered(vertices, faces, low)
     while low < high:
