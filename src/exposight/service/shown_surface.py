@@ -44,6 +44,9 @@ def coarse_surface(
     """
     if len(faces) > most:  # once for what is far too fine, then as fine as may be
         vertices, faces = _clustered(vertices, faces, _FINEST)
+    # Shaded as the fine surface is: normals of what is left of it would make it look battered.
+    shade = shading(vertices.astype(np.float32), faces)
+    vertices = np.column_stack([vertices, shade])
     low, high = 1, _FINEST
     best = _clustered(vertices, faces, low)
     while low < high:
@@ -55,19 +58,22 @@ def coarse_surface(
             high = cells - 1
     points, triangles = best
     return {
-        "vertices": np.round(points, 1).ravel().tolist(),
+        "vertices": np.round(points[:, :3], 1).ravel().tolist(),
         "triangles": triangles.ravel().tolist(),
-        "shade": np.round(shading(points.astype(np.float32), triangles), 2).tolist(),
+        "shade": np.round(points[:, 3], 2).tolist(),
     }
 
 
 def _clustered(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], cells: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return means of the vertices in cells of a grid, and the triangles that are left of them."""
-    lowest = vertices.min(axis=0)
-    size_mm = max(float(np.ptp(vertices, axis=0).max()) / cells, 1e-9)
-    places = np.floor((vertices - lowest) / size_mm).astype(np.int64)
+    """Return means of the vertices in cells of a grid, and the triangles that are left of them.
+
+    Further columns than x, y and z are averaged, too.
+    """
+    places_mm = vertices[:, :3] - vertices[:, :3].min(axis=0)
+    size_mm = max(float(places_mm.max()) / cells, 1e-9)
+    places = np.floor(places_mm / size_mm).astype(np.int64)
     keys = (places * [1, cells + 2, (cells + 2) ** 2]).sum(axis=1)
     _, cell_of, counts = np.unique(keys, return_inverse=True, return_counts=True)
     means = np.stack([np.bincount(cell_of, axis) / counts for axis in vertices.T], axis=1)

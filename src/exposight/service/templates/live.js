@@ -177,11 +177,11 @@ async function refresh() {
   const mine = view.run;
   try {
     const early = view.feature ? loadCurve() : null;
-    const [scene] = await Promise.all([ask(ofRun("scene")), loadCaptures()]);
+    const scene = await ask(ofRun("scene"));
     if (mine === view.run) {
       view.scene = scene;
       drawScene();
-      await Promise.all([early || loadCurve()]);
+      await (early || loadCurve());
     }
   } catch (fault) { if (!(fault instanceof Refused) && mine === view.run) { connected(false); again = true; await pause(1000); } }
   refreshing = false;
@@ -197,7 +197,7 @@ function tally() {
 function head() {
   const state = view.state;
   if (!state) return;
-  $("state").className = `state ${state.state}`;
+  $("state").className = state.state;
   setText($("state"), state.state);
   $("pause").hidden = state.state !== "running" && state.state !== "starting";
   $("continue").hidden = !GOES_ON.has(state.state);
@@ -257,8 +257,8 @@ function drawScene() {
     view.feature = best ? best.name : null;
     remember();
   }
-  head(); table(); progress(); chooseCaptures(); drawPart();
-  drawRings();
+  findCaptures();
+  head(); table(); progress(); chooseCaptures(); drawRings(); drawPart();
 }
 function table() {
   const body = $("features").tBodies[0], { features } = view.scene;
@@ -311,19 +311,13 @@ function progress() {
 
 // -- camera ----------------------------------------------------------------------------------
 let followed = true, imageUrl = null, pictured = null;
-async function loadCaptures() {
-  const run = view.run;
-  try { // the campaign is there from the first capture on
-    const { captures } = normal(await ask(`/v1/campaigns/${inPath(`runs/${run}/campaign`)}/captures`));
-    if (run === view.run) view.captures = captures;
-  } catch (fault) { if (!(fault instanceof Refused)) throw fault; }
-  if (run !== view.run || !view.captures.length) return;
-  const last = view.captures[view.captures.length - 1].number;
-  if (followed || !view.captures.some((each) => each.number === view.capture)) view.capture = last;
-  chooseCaptures();
+function findCaptures() {
+  const all = view.scene.views.flatMap((each) => each.captures.map((capture) => ({ ...capture, view: each.name })));
+  view.captures = all.sort((a, b) => a.number - b.number);
+  if (!all.length) return;
+  if (followed || !all.some((each) => each.number === view.capture)) view.capture = all[all.length - 1].number;
   loadImage().catch(() => {});
 }
-const normal = (answer) => (Array.isArray(answer) ? { captures: answer } : answer);
 function chooseCaptures() {
   const items = view.captures.map((each) => [String(each.number), `${each.number + 1} · ${each.view} · ${ms(each.exposure_ms)} ms`]);
   fill($("captures"), items.reverse(), view.capture);
@@ -564,7 +558,11 @@ function figure(features) {
 function camera(features, views, size) {
   const mean = [0, 1, 2].map((d) => features.reduce((sum, each) => sum + each.normal[d], 0));
   const length = Math.hypot(...mean) || 1, n = mean.map((value) => value / length);
-  const posed = views.find((each) => each.up), up = posed ? posed.up : [0, 0, 1];
+  const posed = views.find((each) => each.up), seen = posed ? posed.up : [0, 0, 1];
+  // The axis of the part that is most upright in the first view, and lies in the picture.
+  const upright = seen.map((value, d) => Math.abs(value) * (1 - Math.abs(n[d])));
+  const d = upright.indexOf(Math.max(...upright)), up = [0, 0, 0];
+  up[d] = Math.sign(seen[d]) || 1;
   const box = $("part"), wide = box.clientWidth / Math.max(box.clientHeight, 1);
   const away = 1.12 * Math.max(1, 1.62 / wide) + 0.2 * Math.min(...size), [a] = across(n);
   const side = Math.sign(a[0] + a[1] + a[2]) || 1;
