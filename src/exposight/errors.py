@@ -95,6 +95,10 @@ class MissingFileError(FileError):
     """A file or folder is not there."""
 
 
+class LockedError(FileError):
+    """Another writer has a file or folder open."""
+
+
 class FormatError(FileError):
     """A file is there and is not what it should be."""
 

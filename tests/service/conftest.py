@@ -55,7 +55,7 @@ def folder_to_serve(tmp_path_factory, sheet_plan, scene):
     exposures_ms = tuple(map(float, range(30, 110, 20)))
     plane = replace(sheet_plan.planes[0], exposures_ms=exposures_ms)
     simulated = {**sheet_plan.simulated, "scene": "scene", "rings_only": True}
-    write_plan(replace(sheet_plan, planes=(plane,), simulated=simulated), folder / "sheet.toml")
+    write_plan(folder / "sheet.toml", replace(sheet_plan, planes=(plane,), simulated=simulated))
     plan = read_plan(folder / "sheet.toml")
     measure(plan, SimulatedCell.for_plan(plan, folder=folder), folder / "sheet-expected")
     return folder

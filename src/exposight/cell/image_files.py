@@ -80,6 +80,12 @@ def decoded_image(data: bytes, path: Path) -> NDArray[Any]:
     raise ImageError(msg)
 
 
+def announced_pixels(data: bytes) -> int | None:
+    """Return how many pixels an image's header announces; None where it is no header of one."""
+    size = _announced(data)
+    return None if size is None else size[0] * size[1]
+
+
 def _check_size(size: tuple[int, int, int], there: int, path: Path) -> None:
     """Raise where an image's header announces what no camera records, or its bytes cannot hold."""
     rows, columns, pixel_bytes = size

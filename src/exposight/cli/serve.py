@@ -71,7 +71,8 @@ def serve_command(
     """
     try:
         from exposight.service.guard import LEAST_TOKEN, Limits
-        from exposight.service.server import ServerSettings, serve
+        from exposight.service.server import serve
+        from exposight.service.settings import ServerSettings
     except ModuleNotFoundError as error:
         msg = f"{error.name} is not installed: pip install 'exposight[service]'"
         raise ExposightError(msg) from error

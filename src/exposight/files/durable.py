@@ -26,7 +26,13 @@ from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, Timeout
 
-from exposight.errors import DamagedFileError, FileError, FormatError, MissingFileError
+from exposight.errors import (
+    DamagedFileError,
+    FileError,
+    FormatError,
+    LockedError,
+    MissingFileError,
+)
 
 WRITER_LOCK = "writer.lock"
 _HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
@@ -366,8 +372,10 @@ def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFi
 
     Raises
     ------
+    LockedError
+        If another writer holds it.
     FileError
-        If another writer holds it, or the disk refuses.
+        If the disk refuses.
     """
     path = folder / name
     lock = FileLock(path, timeout=0, thread_local=False)  # whichever thread releases it
@@ -375,7 +383,7 @@ def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFi
         lock.acquire()
     except Timeout as error:
         msg = f"another writer has {what} in {folder} open; wait until it is done, or close it"
-        raise FileError(msg) from error
+        raise LockedError(msg) from error
     except OSError as error:
         reason = error.strerror or str(error)
         if error.filename is not None:

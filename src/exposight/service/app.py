@@ -10,7 +10,15 @@ from pathlib import Path
 from fastapi import FastAPI
 
 from exposight import __version__
-from exposight.service import listing_routes, live_page, run_routes, shown_routes
+from exposight.service import (
+    campaign_routes,
+    capture_routes,
+    listing_routes,
+    live_page,
+    question_routes,
+    run_routes,
+    shown_routes,
+)
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Guard, Limits
@@ -53,10 +61,19 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
     app.state.folder = ServedFolder(folder)
     app.state.runs = Runs(app.state.folder)
     app.state.limits = limits
+    app.state.computing = Computing(limits)
     app.state.started = time.time()
     app.state.warm = False
     add_fault_handlers(app)
-    for routes in (listing_routes, run_routes, shown_routes, live_page):
+    for routes in (
+        listing_routes,
+        question_routes,
+        capture_routes,
+        run_routes,
+        campaign_routes,
+        shown_routes,
+        live_page,
+    ):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
     return app
@@ -65,6 +82,8 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Load what is served and compile what is used, before the first request."""
+    app.state.folder.warm_up()
     app.state.warm = True
     yield
     app.state.runs.close()
+    app.state.computing.close()

@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from exposight.errors import (
     AmbiguousError,
@@ -21,7 +22,6 @@ from exposight.errors import (
     ExposightError,
     MissingFileError,
     OutOfMemoryError,
-    did_you_mean,
     first_ten,
 )
 
@@ -64,6 +64,10 @@ class RequestError(ExposightError):
         super().__init__(message)
         self.status, self.facts = status, dict(facts or {})
 
+    def named(self, message: str) -> Self:
+        """Return the error with another message."""
+        return type(self)(self.status, message, self.facts)
+
 
 class Fault(BaseModel):
     """What is answered in place of what was asked for."""
@@ -86,6 +90,7 @@ class Fault(BaseModel):
 
 
 _MEANINGS = {
+    400: "The body is no multipart form.",
     401: "The token is missing or wrong.",
     403: "The request comes from a page of another origin, or names another host.",
     404: "Nothing of that name is in the served folder.",
@@ -108,13 +113,20 @@ def answer(
     content: object, status: int = 200, headers: Mapping[str, str] | None = None
 ) -> Response:
     """Return an answer in JSON; floats are written so that they are read as the same numbers."""
-    body = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    try:
+        body = _dumped(content)
+    except (TypeError, ValueError):  # infinite numbers, and types that JSON has not
+        body = _dumped(_plain(content))
     return Response(
         body.encode("utf-8", "replace"),
         status_code=status,
         headers=None if headers is None else dict(headers),
         media_type="application/json",
     )
+
+
+def _dumped(content: object) -> str:
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def fault(
@@ -149,7 +161,7 @@ def add_fault_handlers(app: FastAPI) -> None:
 
     async def refused(request: Request, error: Exception) -> Response:
         assert isinstance(error, ExposightError)
-        return fault_of(error)
+        return fault_of(error.named(request.app.state.folder.without_root(error)))
 
     async def invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
@@ -161,6 +173,9 @@ def add_fault_handlers(app: FastAPI) -> None:
         response = fault(error.status_code, kind, _http_message(request, error))
         response.headers.update(error.headers or {})
         return response
+
+    async def left(request: Request, error: Exception) -> Response:
+        return fault(400, "InputError", "the client left before the body had arrived")
 
     async def out_of_memory(request: Request, error: Exception) -> Response:
         message = "there is not enough memory for this; ask for less at once"
@@ -177,6 +192,7 @@ def add_fault_handlers(app: FastAPI) -> None:
     app.add_exception_handler(ExposightError, refused)
     app.add_exception_handler(RequestValidationError, invalid)
     app.add_exception_handler(HTTPException, http)
+    app.add_exception_handler(ClientDisconnect, left)
     app.add_exception_handler(MemoryError, out_of_memory)
     app.add_exception_handler(Exception, broken)
 
@@ -200,8 +216,9 @@ def _validation_fault(error: Mapping[str, Any]) -> str:
     key, kind, context = _key(error["loc"]), error["type"], error.get("ctx", {})
     if kind == "missing":
         return f"key {key!r} is missing" if key else "the body is missing: expected a JSON object"
-    if kind == "extra_forbidden":
-        return f"key {key!r} is unknown{did_you_mean(key, context.get('known', ()))}"
+    if kind == "unknown_key":
+        inner = f"{key}.{context['key']}".removeprefix(".")
+        return f"key {inner!r} is unknown{context['hint']}"
     got = repr(error.get("input"))
     shown = got if len(got) <= _LONGEST_INPUT else f"{got[:_LONGEST_INPUT]}…"
     words = error["msg"].removeprefix("Value error, ")

@@ -6,16 +6,18 @@ change.
 
 from __future__ import annotations
 
+import logging
 import os
 import stat
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar, cast
 
 from exposight.cell import PRESETS, ActiveSensor, Part, read_features, read_sensor
 from exposight.errors import (
+    ExposightError,
     FileError,
     FormatError,
     InputError,
@@ -24,8 +26,9 @@ from exposight.errors import (
     did_you_mean,
 )
 from exposight.files import spelled
+from exposight.geometry import RigidTransform
 from exposight.models import MODEL_SUFFIX
-from exposight.observing import Campaign, View, open_campaign
+from exposight.observing import Campaign, open_campaign
 from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 
 _LONGEST_NAME = 255
@@ -37,8 +40,13 @@ _DEEPEST, _MOST_ENTRIES = 6, 20_000
 _MOST_KEPT = 64
 """Files and folders whose content is kept."""
 
+_MOST_WARM = 8
+"""Models and campaigns that are read before the first request."""
+
 _HEAD = 400
 """Bytes of a JSON file in which its format is named, or it is none of ours."""
+
+_logger = logging.getLogger(__name__)
 
 _Value = TypeVar("_Value")
 _Identity = tuple[tuple[int, int, int], ...]
@@ -135,6 +143,10 @@ class ServedFolder:
         """Return the name of a path in the folder."""
         return path.relative_to(self.root).as_posix()
 
+    def without_root(self, error: ExposightError) -> str:
+        """Return an error's message without the folder's own path, which is nobody's business."""
+        return str(error).replace(f"{self.root}/", "")
+
     def _resolved(self, name: str, what: str) -> Path:
         check_name(name, what)
         path = Path(os.path.realpath(self.root / name))
@@ -186,19 +198,22 @@ class ServedFolder:
         files = [path / "campaign.json", *([captures] if captures.is_dir() else [])]
         return self._keep("campaign", path, files, lambda: open_campaign(path))
 
-    def view_named(self, campaign: Campaign, name: str) -> View:
-        """Return a view that a campaign was measured from.
+    def view_poses(self, name: str) -> Mapping[str, RigidTransform]:
+        """Return camera_from_part of the views that a campaign was measured from, by their name.
 
         Raises
         ------
-        MissingFileError
-            If there is none of that name.
+        ExposightError
+            As `campaign`.
         """
-        poses = {each.view: each.camera_from_part for each in campaign.descriptions()}
-        if name not in poses:
-            msg = f"{campaign.name}: no view {name!r}{did_you_mean(name, poses)}"
-            raise MissingFileError(msg)
-        return campaign.view(poses[name], name)
+        path, campaign = self.inside(name, "campaign"), self.campaign(name)
+        captures = path / "captures"
+        return self._keep(
+            "poses",
+            path,
+            [path / "campaign.json", *([captures] if captures.is_dir() else [])],
+            lambda: {each.view: each.camera_from_part for each in campaign.descriptions()},
+        )
 
     def features(self, name: str) -> Part:
         """Return a part by its list of features.
@@ -270,6 +285,25 @@ class ServedFolder:
                 del self._kept[next(iter(self._kept))]
         return value
 
+    def warm_up(self) -> None:
+        """Read models and campaigns, and forecast once, so that the first request need not wait."""
+        listing = self.listing()
+        campaigns = [each for each in map(self._campaign_or_none, listing.campaigns) if each]
+        for name in listing.models[:_MOST_WARM]:
+            try:
+                models = self.models(name)
+                for campaign in campaigns[:_MOST_WARM]:
+                    _forecast_once(models, campaign)
+            except ExposightError as error:  # whoever asks for it is told
+                _logger.info("%s: %s", name, error)
+
+    def _campaign_or_none(self, name: str) -> Campaign | None:
+        try:
+            return self.campaign(name)
+        except ExposightError as error:
+            _logger.info("%s: %s", name, error)
+            return None
+
     # -- listing --------------------------------------------------------------------------------
 
     def listing(self) -> Listing:
@@ -303,6 +337,13 @@ class ServedFolder:
             if depth < _DEEPEST and "campaign.json" not in files:
                 folders = [each for each in shown if each.is_dir(follow_symlinks=False)]
                 waiting += [(Path(each.path), depth + 1) for each in reversed(folders)]
+
+
+def _forecast_once(models: SensorModels, campaign: Campaign) -> None:
+    """Compile what a recommendation runs through."""
+    first = next(campaign.descriptions(), None)
+    if first is not None and models.sensor == campaign.sensor:
+        models.recommend(campaign.view(first.camera_from_part))
 
 
 def check_name(name: str, what: str) -> None:

@@ -6,7 +6,6 @@ that are kept open one worker often has three, whose requests then wait for each
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import selectors
@@ -17,13 +16,12 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 from exposight.errors import ExposightError, InputError
 from exposight.leash import leashed
 from exposight.service import worker
-from exposight.service.guard import Limits
+from exposight.service.settings import ServerSettings
 
 _START_S = 300.0
 """A worker loads models and compiles within this time."""
@@ -40,31 +38,6 @@ _MOST_CONNECTIONS = 256
 _LOOK_S = 0.5
 
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServerSettings:
-    """Where and how a folder is served.
-
-    Parameters
-    ----------
-    folder : Path
-    host : str
-        Address to listen at.
-    port : int
-        0 takes a free one.
-    workers : int
-        Server processes.
-    token : str or None
-    limits : Limits
-    """
-
-    folder: Path
-    host: str = "127.0.0.1"
-    port: int = 8765
-    workers: int = 2
-    token: str | None = field(default=None, repr=False)
-    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(eq=False)
@@ -164,7 +137,7 @@ class _Parent:
             )
         assert process.stdin is not None
         with process.stdin, suppress(BrokenPipeError):
-            process.stdin.write(_as_json(self._settings))
+            process.stdin.write(self._settings.to_json())
         ours.setblocking(False)
         begun = _Worker(process=process, channel=ours, begun=time.monotonic())
         self._workers.append(begun)
@@ -268,15 +241,3 @@ def _await_end(process: subprocess.Popen[bytes], seconds: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def _as_json(settings: ServerSettings) -> bytes:
-    return json.dumps({**asdict(settings), "folder": str(settings.folder)}).encode()
-
-
-def settings_from_json(text: bytes) -> ServerSettings:
-    """Return settings as a worker is told them on its standard input."""
-    raw = json.loads(text)
-    return ServerSettings(
-        **{**raw, "folder": Path(raw["folder"]), "limits": Limits(**raw["limits"])}
-    )

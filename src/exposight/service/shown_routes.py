@@ -22,13 +22,6 @@ router = APIRouter()
 RunName = Annotated[str, Path(description="Of the run.", pattern=f"^{RUN_NAME}$")]
 
 
-@router.get("/v1/folder", responses=fault_answers())
-def folder_listing(request: Request) -> Response:
-    """Return the names of what the served folder has: models, campaigns, plans and the like."""
-    served: ServedFolder = request.app.state.folder
-    return answer({kind: list(names) for kind, names in vars(served.listing()).items()})
-
-
 @router.get("/v1/runs/{name}/scene", responses=fault_answers(404))
 def scene(name: RunName, request: Request) -> Response:
     """Return a run's features with what is known of each, its views, and the part's surface.

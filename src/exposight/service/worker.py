@@ -7,12 +7,12 @@ import socket
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import uvicorn
 
-if TYPE_CHECKING:
-    from exposight.service.server import ServerSettings
+from exposight.service.app import create_app
+from exposight.service.settings import ServerSettings
 
 READY, CLOSED = b"r", b"x"
 """What a worker says to its parent: that it takes connections, and that one was closed."""
@@ -62,7 +62,7 @@ class _HandedServer(uvicorn.Server):
 
     async def _serve_one(self, connection: socket.socket) -> None:
         connection.setblocking(False)
-        protocol: asyncio.Protocol = self.config.http_protocol_class(  # type: ignore[call-arg, assignment]
+        protocol: asyncio.Protocol = self.config.http_protocol_class(  # type: ignore[call-arg]
             config=self.config, server_state=self.server_state, app_state=self.lifespan.state
         )
         _when_closed(protocol, self._say_closed)
@@ -90,8 +90,6 @@ def _when_closed(protocol: Any, call: Callable[[], None]) -> None:
 
 
 def _config(settings: ServerSettings) -> uvicorn.Config:
-    from exposight.service.app import create_app
-
     app = create_app(settings.folder, limits=settings.limits, token=settings.token)
     return uvicorn.Config(
         app,
@@ -129,9 +127,7 @@ def serve_here(
 
 def main() -> None:
     """Serve the connections that come over the channel, as standard input says."""
-    from exposight.service.server import settings_from_json
-
-    settings = settings_from_json(sys.stdin.buffer.read())
+    settings = ServerSettings.from_json(sys.stdin.buffer.read())
     with socket.socket(fileno=int(sys.argv[1])) as channel:
         _HandedServer(_config(settings), channel).run()
 

@@ -124,8 +124,14 @@ async function list() {
   if (!view.runs.length) await explain();
 }
 
+/** Return the names of what runs can be made of. */
+async function served() {
+  const [plans, models, campaigns] = await Promise.all(["plans", "models", "campaigns"].map((each) => ask(`/v1/${each}`)));
+  return { plans: [...plans.exposure_plans, ...plans.measuring_plans], models: models.models.filter((each) => !each.fault).map((each) => each.name),
+    campaigns: campaigns.campaigns.map((each) => each.name) };
+}
 async function explain() {
-  const there = await ask("/v1/folder"), plans = [...there.exposure_plans, ...there.measuring_plans];
+  const there = await served(), { plans } = there;
   setText($("verdict"), "Nothing has been measured here yet");
   setText($("detail"), plans.length ? "Start a run: it is shown here while it measures." : "");
   const say = plans.length ? [
@@ -623,8 +629,8 @@ form.querySelector("[value=cancel]").addEventListener("click", () => $("start").
 $("new").addEventListener("click", async () => {
   setText(form.querySelector(".fault"), "");
   try {
-    const there = await ask("/v1/folder"), named = (names) => names.map((name) => [name, name]);
-    fill(form.elements.plan, named([...there.exposure_plans, ...there.measuring_plans]));
+    const there = await served(), named = (names) => names.map((name) => [name, name]);
+    fill(form.elements.plan, named(there.plans));
     fill(form.elements.models, [...named(there.models), ["", "none: take the plan's captures as they are"]]);
     fill(form.elements.recording, named(there.campaigns));
     form.elements.kind.options[1].disabled = !there.campaigns.length;
