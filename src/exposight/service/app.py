@@ -19,6 +19,7 @@ from exposight.service import (
     run_routes,
     shown_routes,
 )
+from exposight.service.computing import Computing
 from exposight.service.faults import add_fault_handlers
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Guard, Limits
@@ -83,6 +84,7 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Load what is served and compile what is used, before the first request."""
     app.state.folder.warm_up()
+    live_page.assets()
     app.state.warm = True
     yield
     app.state.runs.close()

@@ -22,7 +22,8 @@ function make(tag, attributes = {}, ...children) {
 const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
 const shown = (value, digits = 2) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 const ms = (value) => (value === null || value === undefined ? "–" : String(Number(value.toPrecision(4))));
-const mark = (name) => { performance.mark(name); view[name] = performance.now(); };
+/** Note that something is drawn, for whoever measures or tests the page. */
+function mark(name) { performance.mark(name); document.body.dataset[name] = "drawn"; }
 function setText(node, text) { if (node.textContent !== text) node.textContent = text; }
 function fill(select, items, chosen) {
   const key = JSON.stringify(items);
@@ -116,9 +117,10 @@ async function follow() {
 async function list() {
   view.runs = (await ask("/v1/runs")).runs;
   $("new").hidden = false;
-  if (!view.run && view.runs.length) { choose(view.runs[0].name); return; }
-  fill($("runs"), view.runs.map((each) => [each.name, `${each.name} · ${each.state}`]), view.run);
+  const first = view.run ? null : view.runs[0];
+  fill($("runs"), view.runs.map((each) => [each.name, `${each.name} · ${each.state}`]), view.run || (first && first.name));
   $("runs").parentNode.hidden = view.runs.length === 0;
+  if (first) { choose(first.name); return; }
   $("empty").hidden = view.runs.length > 0;
   $("panels").hidden = view.runs.length === 0;
   if (!view.runs.length) await explain();
@@ -341,6 +343,7 @@ async function loadImage() {
   const capture = view.captures.find((each) => each.number === view.capture);
   const svg = make("svg", { viewBox: `0 0 ${rings.width} ${rings.height}`, role: "img",
     "aria-label": `Image of view ${capture.view} at ${ms(capture.exposure_ms)} ms with the outlines of ${rings.rings.length} features` });
+  svg.style.aspectRatio = `${rings.width} / ${rings.height}`;
   svg.append(make("image", { href: imageUrl, width: rings.width, height: rings.height, preserveAspectRatio: "none" }), make("g"));
   svg.firstChild.addEventListener("load", () => mark("image"), { once: true });
   $("camera").replaceChildren(svg);
@@ -355,14 +358,14 @@ function drawRings() {
     const now = known.get(each.feature), status = now ? now.status : each.status;
     const low = each.p_norm !== null && view.scene && each.p_norm < view.scene.need;
     const chosen = each.feature === view.feature;
-    const outline = make("polygon", { class: `ring ${status}${low ? " below" : ""}${chosen ? " chosen" : ""}`, "data-feature": each.feature,
-      points: each.outline.map(([u, v]) => `${u.toFixed(1)},${v.toFixed(1)}`).join(" ") },
+    const points = each.outline.map(([u, v]) => `${u.toFixed(1)},${v.toFixed(1)}`).join(" ");
+    const outline = make("polygon", { class: `ring ${status}${low ? " below" : ""}`, "data-feature": each.feature, points },
     make("title", {}, `${each.feature}: ${each.p_norm === null ? "not measured here" : `p_norm ${shown(each.p_norm)} here`}, ${status}`));
     if (!chosen) return [outline];
     const u = each.outline.reduce((sum, point) => sum + point[0], 0) / each.outline.length;
     const v = Math.min(...each.outline.map((point) => point[1]));
     const name = make("text", { class: "ring-name", x: u, y: v - width / 120, "font-size": width / 36 }, each.feature);
-    return [outline, name];
+    return [make("polygon", { class: "halo", points }), outline, name];
   }));
 }
 
@@ -460,12 +463,14 @@ function hover(event, curve, hair, x) {
 // -- the part in 3D --------------------------------------------------------------------------
 const CORNERS = 24;
 let plotly = null, plotting = false, pending = false;
+/** Wait for plotly.js, which loads while everything else is drawn; load it again where it failed. */
 function loadPlotly() {
   plotly ??= new Promise((done, failed) => {
-    const script = make("script", { src: document.body.dataset.plotly });
-    script.onload = () => { mark("plotly"); done(); };
-    script.onerror = () => { plotly = null; script.remove(); failed(new Error("plotly.js could not be loaded")); };
-    document.head.append(script);
+    let script = $("plotly");
+    if (window.Plotly) { done(); return; }
+    if (script.dataset.failed) { script.replaceWith(make("script", { src: script.src, id: "plotly" })); script = $("plotly"); }
+    script.onload = () => done();
+    script.onerror = () => { script.dataset.failed = "yes"; plotly = null; failed(new Error("plotly.js could not be loaded")); };
   });
   return plotly;
 }
@@ -481,8 +486,9 @@ async function drawPart() {
     await Plotly.react($("part"), data, layout, { displayModeBar: false, responsive: true, plotGlPixelRatio: 1, scrollZoom: false });
     if (!$("part").dataset.drawn) {
       $("part").dataset.drawn = "yes";
-      $("part").on("plotly_click", ({ points: [point] }) => pick(point.data.meta && point.customdata));
+      $("part").on("plotly_click", ({ points: [point] }) => pick(point.customdata));
     }
+    await new Promise((done) => { if (document.hidden) done(); else requestAnimationFrame(done); });
     mark("part");
   } catch (fault) {
     $("part").replaceChildren(make("p", { class: "quiet" }, `No 3D here: ${fault.message}. The table has the same values.`));
@@ -490,90 +496,104 @@ async function drawPart() {
   plotting = false;
   if (pending) { pending = false; drawPart(); }
 }
-/** Flat bands round the features: wide where p_norm was measured, narrow where it is planned. */
-function bands(features, extent) {
-  const out = { x: [], y: [], z: [], i: [], j: [], k: [], intensity: [], customdata: [], text: [] };
+/** Right, away and up of the picture in the part's frame: as the first view sees it, but upright. */
+function directions(features, views) {
+  const n = unit([0, 1, 2].map((d) => features.reduce((sum, each) => sum + each.normal[d], 0)));
+  const posed = views.find((each) => each.up), seen = posed ? posed.up : [0, 0, 1];
+  const upright = seen.map((value, d) => Math.abs(value) * (1 - Math.abs(n[d])));
+  const d = upright.indexOf(Math.max(...upright)), axis = [0, 0, 0];
+  axis[d] = Math.sign(seen[d]) || 1;
+  const right = unit(cross(axis, n));
+  return [right, n.map((value) => -value), cross(n, right)];
+}
+const cross = (p, q) => [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+const unit = (p) => { const length = Math.hypot(...p) || 1; return p.map((each) => each / length); };
+const plain = (text) => text.replace(/[&<>]/g, (sign) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[sign]);
+const rgb = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+function onScale(value) {
+  const at = Math.min(1, Math.max(0, value)) * (SCALE.length - 1), i = Math.min(Math.floor(at), SCALE.length - 2);
+  const low = rgb(SCALE[i]), high = rgb(SCALE[i + 1]);
+  return low.map((each, k) => Math.round(each + (at - i) * (high[k] - each)));
+}
+
+/** One mesh of all marks: a band round each feature, wide where p_norm was measured and narrow where
+ * it is planned, a cross on what failed, a dot on what is open, a further band round the chosen one. */
+function marks(features, extent, colours) {
+  const out = { x: [], y: [], z: [], i: [], j: [], k: [], vertexcolor: [], customdata: [], text: [] };
   for (const each of features) {
-    const measured = view.colour === "quality" && each.p_norm !== null;
-    const value = measured ? each.p_norm : each.predicted;
-    if (value === null) continue;
-    const [a, b] = across(each.normal), first = out.x.length;
-    const hint = `<b>${plain(each.name)}</b>, ${each.status}<br>${measured ? `p_norm ${shown(value)} at ${ms(each.exposure_ms)} ms` : `planned chance ${Math.round(100 * value)} %`}`;
-    for (let c = 0; c < CORNERS; c++) {
-      const cos = Math.cos((2 * Math.PI * c) / CORNERS), sin = Math.sin((2 * Math.PI * c) / CORNERS);
-      for (const beyond of measured ? [0.002, 0.018] : [0.004, 0.01]) {
-        const radius = each.radius_mm + beyond * extent;
-        ["x", "y", "z"].forEach((axis, d) => out[axis].push(each.position_mm[d] + radius * (cos * a[d] + sin * b[d]) + 0.006 * extent * each.normal[d]));
-        out.intensity.push(Math.min(1, value)); out.customdata.push(each.name); out.text.push(hint);
+    const measured = view.colour === "quality" && each.p_norm !== null, value = measured ? each.p_norm : each.predicted;
+    const helper = Math.abs(each.normal[0]) < 0.7 ? [1, 0, 0] : [0, 1, 0], a = unit(cross(each.normal, helper)), b = cross(each.normal, a);
+    const reason = each.reason && each.status !== "had" ? `<br>${plain(each.reason).replace(/(.{45}\S*) /g, "$1<br>")}` : "";
+    const says = measured ? `p_norm ${shown(value)} at ${ms(each.exposure_ms)} ms` : value === null ? "not planned" : `planned chance ${Math.round(100 * value)} %`;
+    const hint = `<b>${plain(each.name)}</b>, ${each.status}<br>${says}${reason}`;
+    const add = (u, v, lift, colour) => {
+      ["x", "y", "z"].forEach((axis, d) => out[axis].push(each.position_mm[d] + u * a[d] + v * b[d] + lift * extent * each.normal[d]));
+      out.vertexcolor.push(colour); out.customdata.push(each.name); out.text.push(hint);
+      return out.x.length - 1;
+    };
+    const triangle = (i, j, k) => { out.i.push(i); out.j.push(j); out.k.push(k); };
+    const band = (inner, outer, lift, colour) => {
+      const first = out.x.length;
+      for (let c = 0; c < CORNERS; c++) {
+        const cos = Math.cos((2 * Math.PI * c) / CORNERS), sin = Math.sin((2 * Math.PI * c) / CORNERS);
+        add(inner * cos, inner * sin, lift, colour); add(outer * cos, outer * sin, lift, colour);
       }
-      const here = first + 2 * c, next = first + 2 * ((c + 1) % CORNERS);
-      out.i.push(here, here + 1); out.j.push(here + 1, next + 1); out.k.push(next, next);
+      for (let c = 0; c < CORNERS; c++) {
+        const here = first + 2 * c, next = first + 2 * ((c + 1) % CORNERS);
+        triangle(here, here + 1, next); triangle(here + 1, next + 1, next);
+      }
+    };
+    const r = each.radius_mm, grey = rgb(colours.muted);
+    band(r + 0.002 * extent, r + (measured ? 0.018 : 0.009) * extent, 0.006, value === null ? grey : onScale(value));
+    if (each.name === view.feature) band(r + 0.022 * extent, r + 0.029 * extent, 0.007, rgb(colours.ink));
+    const w = 0.004 * extent, l = 0.016 * extent, line = rgb(each.status === "open" ? colours.accent : colours.bad);
+    if (each.status === "open") band(0, 0.8 * w, 0.008, line);
+    if (each.status === "failed" || each.status === "unseen") {
+      for (const s of [1, -1]) {
+        const [p, q, t, o] = [[-l, -l - w], [-l, -l + w], [l, l + w], [l, l - w]].map(([u, v]) => add(u, s * v, 0.01, line));
+        triangle(p, q, t); triangle(p, t, o);
+      }
     }
   }
   return out;
 }
-const plain = (text) => text.replace(/[&<>]/g, (sign) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[sign]);
-function across(n) {
-  const helper = Math.abs(n[0]) < 0.7 ? [1, 0, 0] : [0, 1, 0];
-  const cross = (p, q) => [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
-  const unit = (p) => { const length = Math.hypot(...p) || 1; return p.map((each) => each / length); };
-  const a = unit(cross(n, helper));
-  return [a, cross(n, a)];
-}
-function spans(features, mesh) {
-  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-  const add = (value, d) => { low[d] = Math.min(low[d], value); high[d] = Math.max(high[d], value); };
-  for (const each of features) each.position_mm.forEach((value, d) => { add(value - 2 * each.radius_mm, d); add(value + 2 * each.radius_mm, d); });
-  if (mesh) mesh.vertices.forEach((value, index) => add(value, index % 3));
-  return { low, high, extent: Math.max(...high.map((value, d) => value - low[d])) };
-}
 function figure(features) {
-  const { mesh, views } = view.scene, { low, high, extent } = spans(features, mesh);
-  const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-  const flat = { ambient: 1, diffuse: 0, specular: 0, fresnel: 0, roughness: 1 };
-  const colorscale = SCALE.map((each, i) => [i / (SCALE.length - 1), each]);
-  const data = [];
+  const { mesh, views } = view.scene, turn = directions(features, views);
+  const style = getComputedStyle(document.documentElement);
+  const colours = Object.fromEntries(["ink", "muted", "accent", "bad", "paper", "rule"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  if (colours.paper.length === 4) colours.paper = "#ffffff";
+  const lighting = { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 }, data = [], column = (d, from) => from.filter((_, i) => i % 3 === d);
+  const turned = ({ x, y, z, ...rest }) => {
+    const [tx, ty, tz] = turn.map((way) => x.map((value, i) => way[0] * value + way[1] * y[i] + way[2] * z[i]));
+    return { x: tx, y: ty, z: tz, ...rest };
+  };
   if (mesh) {
-    const axis = (d, from) => { const out = []; for (let i = d; i < from.length; i += 3) out.push(from[i]); return out; };
-    data.push({ type: "mesh3d", x: axis(0, mesh.vertices), y: axis(1, mesh.vertices), z: axis(2, mesh.vertices), i: axis(0, mesh.triangles),
-      j: axis(1, mesh.triangles), k: axis(2, mesh.triangles), intensity: mesh.shade, cmin: 0, cmax: 1, showscale: false, hoverinfo: "skip",
-      colorscale: dark.matches ? [[0, "#232b33"], [1, "#66727e"]] : [[0, "#7d858e"], [1, "#f0f2f4"]], lighting: flat });
+    const points = turned({ x: column(0, mesh.vertices), y: column(1, mesh.vertices), z: column(2, mesh.vertices) });
+    data.push({ type: "mesh3d", ...points, i: column(0, mesh.triangles), j: column(1, mesh.triangles), k: column(2, mesh.triangles),
+      intensity: mesh.shade, cmin: 0, cmax: 1, showscale: false, hoverinfo: "skip", lighting,
+      colorscale: dark.matches ? [[0, "#232b33"], [1, "#6b7783"]] : [[0, "#7d858e"], [1, "#f0f2f4"]] });
   }
-  data.push({ type: "mesh3d", ...bands(features, extent), cmin: 0, cmax: 1, colorscale, showscale: false, lighting: flat, meta: "rings",
-    hovertemplate: "%{text}<extra></extra>" });
-  const off = features.map((each) => each.position_mm.map((value, d) => value + 0.008 * extent * each.normal[d]));
-  const signs = { had: "circle", open: "circle-open", failed: "x", unseen: "diamond-open" };
-  data.push({ type: "scatter3d", mode: "markers", x: off.map((p) => p[0]), y: off.map((p) => p[1]), z: off.map((p) => p[2]), meta: "centres",
-    marker: { size: features.map((each) => (each.name === view.feature ? 9 : 4)), symbol: features.map((each) => signs[each.status]),
-      color: features.map((each) => (each.name === view.feature ? colour("--accent") : each.status === "failed" ? colour("--bad") : colour("--ink"))) },
-    customdata: features.map((each) => each.name), text: features.map((each) => `<b>${plain(each.name)}</b>, ${each.status}${each.reason ? `<br>${plain(each.reason)}` : ""}`),
-    hovertemplate: "%{text}<extra></extra>" });
-  const chosen = features.findIndex((each) => each.name === view.feature);
-  const size = high.map((value, d) => Math.max(value - low[d], 0.02 * extent));
-  const hidden = { visible: false, showspikes: false };
-  const [x, y, z] = size.map((value, d) => ({ ...hidden, range: [low[d] - 0.01 * extent, high[d] + 0.01 * extent] }));
-  const layout = { margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: view.run, font: { color: colour("--ink") },
-    hoverlabel: { bgcolor: colour("--paper"), bordercolor: colour("--rule"), font: { color: colour("--ink"), size: 13 } },
-    scene: { xaxis: x, yaxis: y, zaxis: z, aspectmode: "manual", aspectratio: { x: size[0] / extent, y: size[1] / extent, z: size[2] / extent },
-      camera: camera(features, views, size.map((value) => value / extent)), dragmode: "turntable",
-      annotations: chosen < 0 ? [] : [{ x: off[chosen][0], y: off[chosen][1], z: off[chosen][2], text: `<b>${plain(view.feature)}</b>`, ax: 0, ay: -34,
-        font: { color: colour("--ink"), size: 13 }, bgcolor: colour("--paper"), bordercolor: colour("--rule"), borderpad: 3, arrowcolor: colour("--rule"), arrowwidth: 1, arrowhead: 0 }] } };
+  const rough = mesh ? data[0] : turned({ x: features.map((each) => each.position_mm[0]), y: features.map((each) => each.position_mm[1]), z: features.map((each) => each.position_mm[2]) });
+  const edges = ["x", "y", "z"].map((axis) => [Math.min(...rough[axis]), Math.max(...rough[axis])]);
+  const most = Math.max(...features.map((each) => each.radius_mm)), extent = Math.max(...edges.map(([low, high]) => high - low)) + 2 * most;
+  data.push({ type: "mesh3d", ...turned(marks(features, extent, colours)), lighting, hovertemplate: "%{text}<extra></extra>" });
+  const grow = mesh ? 0.01 * extent : 2 * most + 0.04 * extent, size = edges.map(([low, high]) => (high - low + 2 * grow) / extent);
+  // Of invisible axes plotly.js would still make the letters x, y and z out of triangles, for half a second.
+  const empty = { title: { text: "" }, showticklabels: false, showgrid: false, showline: false, zeroline: false, showspikes: false,
+    showbackground: false, ticks: "", tickmode: "array", tickvals: [] };
+  const [xaxis, yaxis, zaxis] = edges.map(([low, high]) => ({ ...empty, range: [low - grow, high + grow] }));
+  const chosen = features.find((each) => each.name === view.feature), annotations = [];
+  if (chosen) {
+    const [x, y, z] = turn.map((way) => way.reduce((sum, value, d) => sum + value * (chosen.position_mm[d] + 0.01 * extent * chosen.normal[d]), 0));
+    annotations.push({ x, y, z, text: `<b>${plain(chosen.name)}</b>`, ax: 0, ay: -36, font: { color: colours.ink, size: 13 }, bgcolor: colours.paper,
+      bordercolor: colours.rule, borderpad: 3, arrowcolor: colours.rule, arrowwidth: 1, arrowhead: 0 });
+  }
+  const box = $("part"), away = 0.8 * Math.max(1, (1.7 * box.clientHeight * size[0]) / box.clientWidth, 1.35 * size[2]);
+  const layout = { margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: view.run,
+    hoverlabel: { bgcolor: colours.paper, bordercolor: colours.rule, font: { color: colours.ink, size: 13 } },
+    scene: { xaxis, yaxis, zaxis, annotations, aspectmode: "manual", aspectratio: { x: size[0], y: size[1], z: size[2] }, dragmode: "turntable",
+      camera: { eye: { x: -0.25 * away, y: -1.02 * away, z: 0.26 * away }, center: { x: 0, y: 0, z: 0 } } } };
   return [data, layout];
-}
-/** Look at the part as the views do: from where most features face. */
-function camera(features, views, size) {
-  const mean = [0, 1, 2].map((d) => features.reduce((sum, each) => sum + each.normal[d], 0));
-  const length = Math.hypot(...mean) || 1, n = mean.map((value) => value / length);
-  const posed = views.find((each) => each.up), seen = posed ? posed.up : [0, 0, 1];
-  // The axis of the part that is most upright in the first view, and lies in the picture.
-  const upright = seen.map((value, d) => Math.abs(value) * (1 - Math.abs(n[d])));
-  const d = upright.indexOf(Math.max(...upright)), up = [0, 0, 0];
-  up[d] = Math.sign(seen[d]) || 1;
-  const box = $("part"), wide = box.clientWidth / Math.max(box.clientHeight, 1);
-  const away = 1.12 * Math.max(1, 1.62 / wide) + 0.2 * Math.min(...size), [a] = across(n);
-  const side = Math.sign(a[0] + a[1] + a[2]) || 1;
-  const eye = n.map((value, d) => away * (value * 0.93 + 0.16 * up[d] + 0.28 * side * a[d] * 0.6));
-  return { eye: { x: eye[0], y: eye[1], z: eye[2] }, up: { x: up[0], y: up[1], z: up[2] }, center: { x: 0, y: 0, z: 0 } };
 }
 
 // -- what people do --------------------------------------------------------------------------
@@ -666,3 +686,4 @@ function begin() {
 const bar = SCALE.map((each, i) => `${each} ${(100 * i) / (SCALE.length - 1)}%`).join(",");
 $("scale").style.background = `linear-gradient(90deg, ${bar})`;
 begin();
+loadPlotly().catch(() => {});
