@@ -2,18 +2,25 @@
 
 import hashlib
 import shutil
+import socket
+import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("fastapi")
+pytest.importorskip("httpx")
 
+import httpx
+import uvicorn
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
 
 from exposight.measuring import measure, measure_adaptively
 from exposight.planning import write_exposure_plan
 from exposight.plans import read_plan, write_plan
+from exposight.service.app import create_app
 from exposight.twin import SimulatedCell
 
 ENDED = frozenset({"stopped", "interrupted", "failed", "finished"})
@@ -78,3 +85,33 @@ def sheet_run():
 def sheet_expected(folder_to_serve):
     """Return what such a run captures where nothing interrupts it."""
     return captured(folder_to_serve / "sheet-expected")
+
+
+@contextmanager
+def serving_here(folder, **options):
+    """Serve a folder by this process, and give a client."""
+    config = uvicorn.Config(
+        create_app(folder, **options), log_level="warning", lifespan="on", ws="none"
+    )
+    server, listener = uvicorn.Server(config), socket.create_server(("127.0.0.1", 0))
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as the command's workers
+    thread = threading.Thread(target=server.run, args=([listener],))
+    thread.start()
+    try:
+        while not server.started:
+            assert thread.is_alive()
+            time.sleep(0.01)
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        with httpx.Client(base_url=address, timeout=60) as client:
+            yield client
+    finally:
+        server.should_exit = True
+        thread.join(20)
+        listener.close()
+
+
+@pytest.fixture
+def client(served):
+    """Return a client of the folder."""
+    with serving_here(served) as opened:
+        yield opened

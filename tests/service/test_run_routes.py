@@ -11,19 +11,10 @@ from contextlib import contextmanager
 
 import httpx
 import pytest
-from fastapi.testclient import TestClient
-from tests.service.conftest import ENDED, await_state, captured, request_of
+from tests.service.conftest import ENDED, await_state, captured, request_of, serving_here
 
-from exposight.service.app import create_app
+from exposight.service.guard import Limits
 from exposight.service.run_files import RunState
-
-LOCAL = "http://127.0.0.1"
-
-
-@pytest.fixture
-def client(served):
-    with TestClient(create_app(served), base_url=LOCAL, raise_server_exceptions=False) as opened:
-        yield opened
 
 
 def state_of(client, name):
@@ -78,7 +69,7 @@ def test_a_run_from_start_to_report(client, served):
     began = time.perf_counter()
     assert client.get("/v1/runs/one/report").text == page.text
     assert time.perf_counter() - began < 1.0  # it is kept
-    assert client.get(f"/v1/campaigns/{state['campaign']}").json()["n_captures"] == 2
+    assert client.get(f"/v1/campaigns/{state['campaign']}").json()["n_captures"] == 3
 
 
 def test_a_report_of_a_run_without_clouds_has_its_rows(client):
@@ -99,10 +90,8 @@ def test_a_report_that_cannot_be_made_yet_says_why(client, served):
     assert "no report" in answer.json()["error"]
 
 
-def test_a_report_that_takes_too_long_is_refused(served, monkeypatch):
-    from exposight.service.guard import Limits
-
-    with TestClient(create_app(served, limits=Limits(request_s=0.05)), base_url=LOCAL) as client:
+def test_a_report_that_takes_too_long_is_refused(served):
+    with serving_here(served, limits=Limits(request_s=0.05)) as client:
         started(client)
         await_state(lambda: state_of(client, "one"))
         answer = client.get("/v1/runs/one/report")
@@ -224,6 +213,7 @@ def test_two_workers_answer_for_all_runs_and_streams_go_on_where_they_were(serve
             each.close()
 
 
+@pytest.mark.slow
 def test_a_killed_server_loses_nothing(served, sheet_run, sheet_expected):
     """Killed at random instants it is started again, and the run continued."""
     campaign, before = served / "runs/sheet/campaign", {}

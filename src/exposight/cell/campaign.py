@@ -210,7 +210,7 @@ class CampaignFolder:
         folder = _capture_path(self.path, number)
         description = read_description(folder)
         try:
-            self.sensor.check_exposure(description.exposure_ms)
+            self.sensor.check_taken_exposure(description.exposure_ms)
         except InputError as error:
             msg = f"{folder}: {error}"
             raise FormatError(msg) from error

@@ -174,7 +174,7 @@ class Capture:
             If the cloud is organised otherwise than the image, and not at a whole fraction of its
             resolution.
         SensorError
-            If the exposure time is outside the sensor's range.
+            If the exposure time is outside the sensor's range by an increment or more.
         """
         size = (sensor.camera.height, sensor.camera.width)
         if self.image.shape != size:
@@ -191,7 +191,7 @@ class Capture:
                 f"{cloud.valid.shape[1]}"
             )
             raise CloudError(msg)
-        sensor.check_exposure(self.exposure_ms)
+        sensor.check_taken_exposure(self.exposure_ms)
 
 
 # -- on disk ------------------------------------------------------------------------------------

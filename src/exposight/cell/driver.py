@@ -40,9 +40,15 @@ Optional members, which the loop looks up by name:
     names the kind of cell.
 ``campaign_files()`` : mapping of str to bytes
     Further files for the campaign's folder, by name, such as what raw frames mean.
+``close()``
+    Restores the settings that the device had, and lets go of it. Who made the driver calls it when
+    the captures are taken, whatever happens (`closing_driver`): ``exposight measure`` does, and so
+    do Python callers; the loops use a driver as it is given. May be called twice.
 """
 
-from typing import Protocol
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 from exposight.cell.capture import Capture
 from exposight.cell.sensor import ActiveSensor
@@ -69,7 +75,8 @@ class Driver(Protocol):
         ----------
         exposure_ms : float, ms
             Exposure time to take, within the sensor's range. What the sensor was really set to,
-            read back from it, goes into the capture's `exposure_ms`.
+            read back from it, goes into the capture's `exposure_ms`; where that is not the
+            `same_exposure`, the loop stops.
         camera_from_part : RigidTransform
             Wanted pose of the part in the first camera's frame, in mm. The pose that the cell
             reports goes into the capture's `camera_from_part`.
@@ -89,3 +96,38 @@ class Driver(Protocol):
             other exception is passed on likewise.
         """
         ...
+
+
+_AnyDriver = TypeVar("_AnyDriver", bound=Driver)
+
+ROUNDED_SHARE = 0.02
+"""How much a device may round an exposure time, as a share of it: 1000 µs became 1015."""
+
+
+def same_exposure(asked_ms: float, taken_ms: float, increment_ms: float) -> bool:
+    """Tell whether an exposure time read back is the one that was asked for, as devices round.
+
+    Parameters
+    ----------
+    asked_ms, taken_ms : float, ms
+        They may differ by the increment or by 2 % of what was asked for, whichever is more.
+    increment_ms : float, ms
+        The step between the sensor's settings.
+    """
+    allowed_ms = max(increment_ms, ROUNDED_SHARE * asked_ms)
+    return abs(asked_ms - taken_ms) <= allowed_ms * (1 + 1e-9)
+
+
+@contextmanager
+def closing_driver(driver: _AnyDriver) -> Iterator[_AnyDriver]:
+    """Close a driver at the end, whatever happens, if it can be closed.
+
+    Parameters
+    ----------
+    driver : Driver
+        With or without a method ``close``.
+    """
+    try:
+        yield driver
+    finally:
+        getattr(driver, "close", lambda: None)()

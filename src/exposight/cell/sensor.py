@@ -216,13 +216,33 @@ class ActiveSensor:
             If it is outside the sensor's range, or not a number.
         """
         if not self.exposure.min_ms <= exposure_ms <= self.exposure.max_ms:
-            msg = (
-                f"sensor {self.name!r} takes exposure times from {self.exposure.min_ms:g} to "
-                f"{self.exposure.max_ms:g} ms, got {exposure_ms:g} ms; choose one in that range, "
-                "and check the unit"
-            )
-            raise SensorError(msg)
+            raise self._outside(exposure_ms)
         return float(exposure_ms)
+
+    def check_taken_exposure(self, exposure_ms: float) -> float:
+        """Return an exposure time that the sensor can have taken, as it was read back.
+
+        Parameters
+        ----------
+        exposure_ms : float, ms
+            At the ends of the range less than an increment outside it: devices round.
+
+        Raises
+        ------
+        SensorError
+            If it is farther outside, or not a number.
+        """
+        low, high, step = self.exposure.min_ms, self.exposure.max_ms, self.exposure.increment_ms
+        if not low - step < exposure_ms < high + step:
+            raise self._outside(exposure_ms)
+        return float(exposure_ms)
+
+    def _outside(self, exposure_ms: float) -> SensorError:
+        return SensorError(
+            f"sensor {self.name!r} takes exposure times from {self.exposure.min_ms:g} to "
+            f"{self.exposure.max_ms:g} ms, got {exposure_ms:g} ms; choose one in that range, "
+            "and check the unit"
+        )
 
     def nearest_exposure(self, exposure_ms: float) -> float:
         """Return the exposure time nearest to a wish that the sensor can be set to.

@@ -11,7 +11,7 @@ import polars as pl
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
-from exposight.cell import PRESETS, CampaignFolder, Driver
+from exposight.cell import PRESETS, CampaignFolder, Driver, closing_driver
 from exposight.cli.app import UsageError
 from exposight.cli.merge import merge_command
 from exposight.cli.result import Result, Written, fact
@@ -122,10 +122,10 @@ def carry_out_loop(
         Written.at(output / DECISIONS_FILE, "decisions"),
         Written.at(output / OUTCOMES_FILE, "outcomes"),
     ]
-    with progress_bars(kept_in=output) as progress:
-        driver: Driver = (
-            _simulated_cell(plan, models, loop) if recording is None else ReplayDriver(recording)
-        )
+    made: Driver = (
+        _simulated_cell(plan, models, loop) if recording is None else ReplayDriver(recording)
+    )
+    with progress_bars(kept_in=output) as progress, closing_driver(made) as driver:
         result = measure_adaptively(
             plan,
             driver,

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 from cyclopts.types import PositiveInt
 
 from exposight import measuring
-from exposight.cell import CampaignFolder, preset_name
+from exposight.cell import CampaignFolder, closing_driver, preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.cluster_options import ClusterOptions
 from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, carry_out_loop
@@ -157,8 +157,8 @@ def carry_out(
     files = [Written.at(output, "observations" if options.observe else "campaign")]
     contradictions: tuple[Contradiction, ...] = ()
     run: dict[str, Any] = {"workers": workers, "cluster": options.chosen_cluster}
-    with progress_bars(kept_in=kept_in) as progress:
-        driver = make_driver()
+    with progress_bars(kept_in=kept_in) as progress, closing_driver(make_driver()) as driver:
+        part = driver.part
         if options.observe:
             table = measuring.measure_observations(
                 plan, driver, table_path=output, progress=progress, **run
@@ -178,7 +178,7 @@ def carry_out(
             Written(kind="observations", path=output / measuring.OBSERVATIONS_FILE, replaced=False)
         )
         next_step = f"train {quote(str(files[-1].path))}"
-    planned = plan.views(driver.part)
+    planned = plan.views(part)
     exposures = [exposure_ms for view in planned for exposure_ms in view.exposures_ms]
     counted_views = Counter(name for view in planned for name in view.visible)
     visible = {name: counted_views[name] for name in plan.features}
@@ -188,11 +188,11 @@ def carry_out(
     shortest, longest = min(exposures), max(exposures)
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
     return Result(
-        title=f"{plan.name}: part {driver.part.name}, {plan.sensor.name}",
+        title=f"{plan.name}: part {part.name}, {plan.sensor.name}",
         facts=(
             fact("plan", plan.name, ""),
             fact("sensor", preset_name(plan.sensor) or plan.sensor.name, ""),
-            fact("part", driver.part.name, ""),
+            fact("part", part.name, ""),
             fact("views", len(planned)),
             fact("views_of_feature", visible, ""),
             fact("captures", len(exposures), count(len(exposures)) + there),

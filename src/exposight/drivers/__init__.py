@@ -1,3 +1,5 @@
 """Drivers of cells other than the simulated one."""
 
+from exposight.drivers.cell_file import Cell, CellFile, read_cell
+from exposight.drivers.genicam import GenicamDriver
 from exposight.drivers.replay import ReplayDriver

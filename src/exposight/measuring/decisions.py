@@ -15,10 +15,9 @@ from typing import Any, Protocol
 import numpy as np
 import polars as pl
 
-from exposight.cell import Part
+from exposight.cell import Part, same_exposure
 from exposight.files import DocumentFormat, csv_of, write_durably
 from exposight.geometry import RigidTransform
-from exposight.measuring.view_work import same_exposure
 from exposight.observing import ObservationTable
 from exposight.planning import ExposurePlan
 from exposight.planning.loop_report import LoopReport, Outcome, Request

@@ -16,7 +16,15 @@ from typing import overload
 
 import polars as pl
 
-from exposight.cell import ActiveSensor, CampaignFolder, CampaignWriter, CaptureKey, Driver, Part
+from exposight.cell import (
+    ActiveSensor,
+    CampaignFolder,
+    CampaignWriter,
+    CaptureKey,
+    Driver,
+    Part,
+    same_exposure,
+)
 from exposight.contradictions import Contradiction
 from exposight.errors import FileError, FormatError, InputError, MissingFileError, SensorError
 from exposight.files import (
@@ -420,7 +428,7 @@ def _captures_there(
     there = set()
     for number, key in writer.keys.items():
         wanted = planned.get(number, CaptureKey("", 0.0))
-        if wanted.view != key.view or not view_work.same_exposure(
+        if wanted.view != key.view or not same_exposure(
             wanted.exposure_ms, key.exposure_ms, sensor.exposure.increment_ms
         ):
             msg = (

@@ -15,6 +15,7 @@ from exposight.cell import (
     Capture,
     Driver,
     Part,
+    same_exposure,
     write_numbered_capture,
 )
 from exposight.cell.capture import CaptureDescription
@@ -182,11 +183,6 @@ def campaign_rows(campaign: CampaignFolder) -> bytes:
     return tables[0] if tables else b"\n"
 
 
-def same_exposure(task_ms: float, taken_ms: float, increment_ms: float) -> bool:
-    """Tell whether an exposure time read back is the one asked for, to the sensor's increment."""
-    return abs(task_ms - taken_ms) <= increment_ms * (1 + 1e-9)
-
-
 @contextmanager
 def _naming(task: ViewTask, exposure_ms: float | None = None) -> Iterator[None]:
     """Name plan, view and exposure in the messages of errors."""
@@ -212,8 +208,8 @@ def take_capture(
     Raises
     ------
     SensorError
-        If the driver fails, or takes an exposure time that is more than the sensor's increment away
-        from the one asked for.
+        If the driver fails, or takes another exposure time than the one asked for
+        (`exposight.cell.same_exposure`).
     InputError
         If the capture has another view's name.
     ExposightError
@@ -237,7 +233,8 @@ def take_capture(
     if not same_exposure(exposure_ms, capture.exposure_ms, increment_ms):
         msg = (
             f"the sensor was set to {exposure_ms:g} ms and took {capture.exposure_ms:g} ms, more "
-            f"than its increment of {increment_ms:g} ms away; plan exposure times that it can take"
+            f"than its increment of {increment_ms:g} ms and 2 % away; plan exposure times that it "
+            "can take, and check whether it ignores the setting"
         )
         raise SensorError(msg)
     return capture

@@ -262,7 +262,7 @@ def check_exposures(rows: ObservationTable, sensor: ActiveSensor | None) -> None
         return
     recorded = rows.frame.filter(~rows.frame["emulated"])["exposure_ms"]
     for exposure_ms in recorded.unique(maintain_order=True):
-        sensor.check_exposure(exposure_ms)
+        sensor.check_taken_exposure(exposure_ms)
 
 
 _POSITIONS = ("x_mm", "y_mm", "z_mm")

@@ -71,7 +71,18 @@ class RecordedDriver(BaseModel):
     recording: Name = Field(description="Name of the campaign in the served folder.")
 
 
-DriverRequest = Annotated[SimulatedDriver | RecordedDriver, Field(discriminator="kind")]
+class CellDriver(BaseModel):
+    """The devices of a cell's file take the captures."""
+
+    model_config = _STRICT
+
+    kind: Literal["genicam"]
+    cell: Name = Field(description="Name of the cell's file (.toml) in the served folder.")
+
+
+DriverRequest = Annotated[
+    SimulatedDriver | RecordedDriver | CellDriver, Field(discriminator="kind")
+]
 
 
 class RunRequest(BaseModel):
@@ -246,7 +257,7 @@ class RunFolder:
         if not self.is_held():
             state = self.written_state  # it may have ended properly in between
             if state.lives:
-                reason = "the process that measured was killed; continue the run to go on"
+                reason = "the process that measured has ended with its server; continue to go on"
                 return replace(state, state="interrupted", error=reason)
             return state
         return replace(state, state="stopping") if self.order() == "stop" else state

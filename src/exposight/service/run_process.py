@@ -7,6 +7,7 @@ are on disk before anything is said of them, so whatever ends it, the run goes o
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from exposight.cell import CampaignFolder, Capture, Driver
+from exposight.cell import CampaignFolder, Capture, Driver, closing_driver
 from exposight.errors import ExposightError, FileError
 from exposight.geometry import RigidTransform
 from exposight.measuring import measure, measure_adaptively
@@ -64,7 +65,9 @@ class RunProcess:
             self._keep_reserve()
             resumed = self._log.last_seq > 0
             self._become("starting", "the run goes on" if resumed else "the run starts")
-            verdict = self._measure(run_work(self._folder.request, served))
+            work = run_work(self._folder.request, served)
+            with closing_driver(work.driver):
+                verdict = self._measure(work)
         except _StoppedError:
             self._become("stopped", f"stopped after {number(self._n_captures)} captures")
         except (ExposightError, OSError, MemoryError) as error:
@@ -220,6 +223,7 @@ def main(served: str, name: str, lock: str) -> None:
         Number of the inherited descriptor that holds the run's lock.
     """
     os.set_inheritable(int(lock), False)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # closes the driver on its way out
     folder = ServedFolder(Path(served))
     RunProcess(RunFolder(folder.root / "runs" / name)).carry_out(folder)
 

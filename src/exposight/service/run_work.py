@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from exposight.cell import PRESETS, Driver
-from exposight.drivers import ReplayDriver
+from exposight.drivers import GenicamDriver, ReplayDriver
 from exposight.errors import InputError, SensorError
 from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 from exposight.plans import PLAN_SUFFIXES, MeasuringPlan, read_plan
 from exposight.service.folder import ServedFolder
-from exposight.service.run_files import RecordedDriver, RunRequest, SimulatedDriver
+from exposight.service.run_files import CellDriver, RecordedDriver, RunRequest, SimulatedDriver
 from exposight.twin import SimulatedCell, SimulatedCellSettings
 
 
@@ -94,6 +94,8 @@ def driver_of(
     match request.driver:
         case RecordedDriver() as wanted:
             return ReplayDriver(folder.inside(wanted.recording))
+        case CellDriver() as wanted:
+            return GenicamDriver.of_file(folder.inside(wanted.cell))
         case SimulatedDriver() as wanted:
             return _simulated_cell(request, wanted, folder, plan, models)
 

@@ -27,6 +27,7 @@ from exposight.service.run_files import (
     CAMPAIGN,
     LIVING,
     RUN_NAME,
+    CellDriver,
     RecordedDriver,
     RunFolder,
     RunRequest,
@@ -46,6 +47,9 @@ _LOCK_S = 2.0
 
 _SPAWN_S = 30.0
 
+_END_S = 5.0
+"""Within this time a process that measures lets go of its devices."""
+
 
 class Runs:
     """The runs in a served folder.
@@ -64,9 +68,14 @@ class Runs:
     def close(self) -> None:
         """End what this server process began; those runs are interrupted, and can be continued."""
         for child in self._children:
-            with suppress(ProcessLookupError):
+            child.terminate()  # devices get their settings back
+        deadline = time.monotonic() + _END_S
+        for child in self._children:
+            try:
+                child.wait(max(0.1, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
                 child.kill()
-            child.wait()
+                child.wait()
         self._spawner.shutdown()
 
     # -- how they stand -------------------------------------------------------------------------
@@ -197,6 +206,8 @@ class Runs:
             self._served.models(request.models)
         if isinstance(request.driver, RecordedDriver):
             self._served.campaign(request.driver.recording)
+        if isinstance(request.driver, CellDriver):
+            self._served.inside(request.driver.cell, "file of a cell")
         return len(plan.features)
 
     def _spawn(self, folder: RunFolder, lock: int) -> RunState:
