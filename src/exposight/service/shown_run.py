@@ -118,7 +118,7 @@ class ShownRun:
         status = _STATUS.get(outcome.get("status", ""), OPEN)
         if p_norm is not None and p_norm >= self.need:
             status = HAD  # captures are on disk before anything is said of them
-        elif self.ended and status == OPEN and self.plan is not None:
+        elif self.ended and status == OPEN and (self.plan is not None or p_norm is not None):
             status = FAILED
         reason = "" if status == HAD else outcome.get("reason", "") or outlook.reason
         return {

@@ -213,17 +213,17 @@ function head() {
   $("report").hidden = state.n_captures === 0;
   if (!sessionStorage.getItem("token")) $("report").href = ofRun("report");
   const { n, had, open, failed } = tally();
-  const captures = counted(state.n_captures, "capture");
-  let said = state.n_had === null ? `${captures} of ${counted(state.n_features, "feature")}`
+  const captures = counted(state.n_captures, "capture"), known = state.n_had !== null || had.length + failed.length > 0;
+  let said = !known ? `${captures} of ${counted(state.n_features, "feature")}`
     : `${n ? had.length : state.n_had} of ${counted(n || state.n_features, "feature")} had, ${captures}`;
-  if (open.length && state.n_had !== null) said += `, ${open.length} still open`;
+  if (open.length && known) said += `, ${open.length} still open`;
   if (failed.length) said += `, ${failed.length} failed`;
   const why = [...failed, ...open].find((each) => each.reason);
   let detail = state.error || (why ? `${why.name}: ${why.reason}` : "");
   if (!detail && state.state === "finished") detail = state.verdict;
   const other = failed.length + open.length - 1;
   if (why && !state.error && failed.length > 1) detail += `; and ${counted(failed.length - 1, "more feature")}`;
-  if (!detail && other >= 0 && state.n_had !== null) detail = `open: ${open.slice(0, 6).map((each) => each.name).join(", ")}${open.length > 6 ? " …" : ""}`;
+  if (!detail && other >= 0 && known) detail = `open: ${open.slice(0, 6).map((each) => each.name).join(", ")}${open.length > 6 ? " …" : ""}`;
   setText($("verdict"), said);
   setText($("detail"), detail);
   setText($("said"), `${view.run} ${state.state}: ${said}`);
@@ -665,8 +665,8 @@ $("new").addEventListener("click", async () => {
 });
 form.addEventListener("submit", async (event) => {
   event.preventDefault();
-  const { name, plan, models, kind, recording, lamp, rings, clouds } = form.elements;
-  const driver = kind.value === "replay" ? { kind: "replay", recording: recording.value } : { kind: "simulated", rings_only: rings.checked };
+  const { name, plan, models, kind, recording, cell, lamp, rings, clouds } = form.elements;
+  const driver = { kind: kind.value, ...{ replay: { recording: recording.value }, genicam: { cell: cell.value }, simulated: { rings_only: rings.checked } }[kind.value] };
   if (driver.kind === "simulated" && lamp.value) driver.lamp_power = Number(lamp.value);
   const closed = plan.value.toLowerCase().endsWith(".json");
   try {
