@@ -14,8 +14,10 @@ from exposight.service import (
     campaign_routes,
     capture_routes,
     listing_routes,
+    live_page,
     question_routes,
     run_routes,
+    shown_routes,
 )
 from exposight.service.computing import Computing
 from exposight.service.faults import add_fault_handlers
@@ -70,6 +72,8 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
         capture_routes,
         run_routes,
         campaign_routes,
+        shown_routes,
+        live_page,
     ):
         app.include_router(routes.router)
     app.add_middleware(Guard, limits=limits, token=token)
@@ -80,6 +84,7 @@ def create_app(folder: Path, *, limits: Limits | None = None, token: str | None 
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Load what is served and compile what is used, before the first request."""
     app.state.folder.warm_up()
+    live_page.assets()
     app.state.warm = True
     yield
     app.state.runs.close()

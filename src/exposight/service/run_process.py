@@ -26,7 +26,9 @@ from exposight.planning.loop_report import Outcome, Request
 from exposight.service.folder import ServedFolder
 from exposight.service.run_files import EventKind, EventLog, RunFolder, RunStateName
 from exposight.service.run_work import RunWork, run_work
+from exposight.service.shown_surface import write_surface
 from exposight.tables import number
+from exposight.twin import SimulatedCell
 
 _LOOK_S = 0.05
 """Between looks for the order to go on, while paused."""
@@ -80,6 +82,9 @@ class RunProcess:
         plan, campaign = work.plan, self._folder.campaign
         self._state = replace(self._state, n_features=len(plan.features))
         self._become("running", f"measuring with the {self._folder.request.driver.kind} driver")
+        if isinstance(work.driver, SimulatedCell):
+            scene = work.driver.scene
+            write_surface(self._folder.path, scene.vertices, scene.part_faces)
         if isinstance(plan, ExposurePlan):
             result = measure_adaptively(
                 plan,
