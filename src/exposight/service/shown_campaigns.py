@@ -148,7 +148,7 @@ def rings(campaign: CampaignFolder, number: int) -> dict[str, Any]:
     about, folder = description(campaign, number), capture_folder(campaign, number)
     seen = View.of(campaign.part, campaign.sensor, about.camera_from_part)
     regions = [each.region for each in seen.features]
-    poses = [each.camera_from_feature for each in seen.features]
+    poses = StackedPoses.of([each.camera_from_feature for each in seen.features])
     camera = campaign.sensor.camera
     outlines = camera.project(outlines_in_camera(regions, poses))
     step = -(-outlines.shape[1] // _OUTLINE)
