@@ -15,7 +15,7 @@ from exposight.cell.image import GREY_MAX, full_scale
 from exposight.cell.image_files import decoded_image
 from exposight.errors import ExposightError, ImageError, MissingFileError
 from exposight.files import read_verified
-from exposight.geometry.cylinders import outlines_in_camera
+from exposight.geometry import StackedPoses, outlines_in_camera
 from exposight.measuring.view_work import OBSERVATIONS_FILE, stored_observations
 from exposight.observing import Observer, View, Visibility
 
