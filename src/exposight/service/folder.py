@@ -391,6 +391,6 @@ def _kind_of_json(path: Path) -> str:
             head = file.read(_HEAD)
     except OSError:
         return ""
-    if b'"exposight exposure plan"' in head:
+    if b'"exposight plan"' in head:
         return "exposure_plans"
     return "sensors" if b'"exposight sensor"' in head else ""
