@@ -10,12 +10,23 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+pytest.importorskip("fastapi", reason="the extra 'service' is not installed")
+pytest.importorskip("httpx", reason="the extra 'service' is not installed")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # newer ones want another client's name
+    warnings.simplefilter("ignore", UserWarning)
+    from fastapi.testclient import TestClient
+
+from tests.measuring.conftest import PlateDriver, plate_exposure_plan
+from tests.service.run_cases import captured
 
 from exposight.cell import (
     ActiveSensor,
@@ -30,23 +41,13 @@ from exposight.cell import (
     write_sensor,
 )
 from exposight.geometry import PinholeCamera, RigidTransform
+from exposight.measuring import measure, measure_adaptively
 from exposight.observing import observe_campaign, open_campaign
 from exposight.planning import plan, train, write_exposure_plan
-
-INSTALLED = all(find_spec(name) for name in ("fastapi", "uvicorn", "python_multipart", "httpx"))
-
-if INSTALLED:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # newer ones want a client of another name
-        from fastapi.testclient import TestClient
-    from exposight.service.app import create_app
-    from exposight.service.guard import Limits
-
-
-def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Leave these tests out where the extra ``service`` is not installed."""
-    return None if INSTALLED or not collection_path.name.startswith("test_") else True
-
+from exposight.plans import read_plan, write_plan
+from exposight.service.app import create_app
+from exposight.service.guard import Limits
+from exposight.twin import SimulatedCell
 
 ROWS, COLUMNS = 180, 240
 VIEWS = {
@@ -218,3 +219,43 @@ def address(original: Path) -> Iterator[str]:
     """The address of a server of the original folder with two workers."""
     with running(original, "--max-seconds", "3", workers=2) as found:
         yield found
+
+
+# -- runs --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def folder_to_measure(tmp_path_factory, sheet_plan, scene):
+    folder = tmp_path_factory.mktemp("runs")
+    plan = plate_exposure_plan()
+    write_exposure_plan(folder / "plan.json", plan)
+    measure_adaptively(plan, PlateDriver(), folder / "recorded", models=None)
+    measure_adaptively(plan, PlateDriver(), folder / "whole", models=None)
+    measure_adaptively(plan, PlateDriver(), folder / "expected", models=None)
+    shutil.copytree(scene, folder / "scene")
+    exposures_ms = tuple(map(float, range(30, 110, 20)))
+    plane = replace(sheet_plan.planes[0], exposures_ms=exposures_ms)
+    simulated = {**sheet_plan.simulated, "scene": "scene", "rings_only": True}
+    write_plan(folder / "sheet.toml", replace(sheet_plan, planes=(plane,), simulated=simulated))
+    plan = read_plan(folder / "sheet.toml")
+    measure(plan, SimulatedCell.for_plan(plan, folder=folder), folder / "sheet-expected")
+    return folder
+
+
+@pytest.fixture
+def run_folder(folder_to_measure, tmp_path):
+    """Return a copy of a folder with what runs need, to be changed."""
+    return shutil.copytree(folder_to_measure, tmp_path / "runs")
+
+
+@pytest.fixture
+def sheet_run():
+    """Return a request for a run that takes seconds."""
+    driver = {"kind": "simulated"}
+    return {"name": "sheet", "plan": "sheet.toml", "driver": driver}
+
+
+@pytest.fixture(scope="session")
+def sheet_expected(folder_to_measure):
+    """Return what such a run captures where nothing interrupts it."""
+    return captured(folder_to_measure / "sheet-expected")
