@@ -14,9 +14,11 @@ from urllib.parse import urlsplit
 import pytest
 
 pytest.importorskip("fastapi")
-httpx = pytest.importorskip("httpx")
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("httpx")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
+import httpx
+from playwright import sync_api
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
 
 from exposight.measuring import measure_adaptively
