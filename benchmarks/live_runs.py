@@ -23,14 +23,18 @@ from typing import Any
 import httpx
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
 
+from exposight.cell import Driver
 from exposight.measuring import measure_adaptively
 from exposight.measuring.decisions import DECISIONS_FILE, OUTCOMES_FILE
 from exposight.planning import write_exposure_plan
 from exposight.planning.exposure_plan import ExposurePlan, PlannedExposure
 
 _TIMES_MS = tuple(float(each) for each in range(1, 33))
-_LONGEST_S = 4.0
-"""Beyond which after a run goes on no server is killed: it is through by then."""
+_MOST_EVENTS = 70
+"""A server is killed when a run that goes on has told up to so many events: it is half through."""
+
+_AT_START = 0.2
+"""Share of the servers that are killed while the run begins to go on."""
 
 _ENDED = {"stopped", "interrupted", "failed", "finished"}
 
@@ -55,7 +59,8 @@ def killed_service_lost(folder: Path, *, kills: int = 20, seed: int = 1) -> dict
     """
     plan = _long_plan()
     write_exposure_plan(folder / "plan.json", plan)
-    measure_adaptively(plan, PlateDriver(), folder / "whole", models=None)
+    driver: Driver = PlateDriver()  # type: ignore[no-untyped-call]
+    measure_adaptively(plan, driver, folder / "whole", models=None)
     expected, chance = _content(folder / "whole"), random.Random(seed)
     lost = killed = finished = 0
     while killed < kills:
@@ -67,14 +72,15 @@ def killed_service_lost(folder: Path, *, kills: int = 20, seed: int = 1) -> dict
                 there = _captures(campaign)
                 lost += sum(there.get(path) != sha256 for path, sha256 in known.items())
                 _go_on(client, name)
-                wait_s = chance.uniform(0.0, _LONGEST_S)
-                if killed < kills and not _ends_within(client, name, wait_s):
+                n_events = 0 if chance.random() < _AT_START else chance.randint(1, _MOST_EVENTS)
+                pause_s = chance.uniform(0.0, 0.1)  # anywhere between two events
+                if killed < kills and not _ends(client, name, n_events, pause_s):
                     process.send_signal(signal.SIGKILL)
                     process.wait()
                     killed += 1
                     known = _captures(campaign)
                     continue
-                _ends_within(client, name, 60.0)
+                _ends(client, name)
                 break
         lost += _differences(_content(campaign), expected) + _repeated(campaign.parent)
         finished += 1
@@ -83,7 +89,7 @@ def killed_service_lost(folder: Path, *, kills: int = 20, seed: int = 1) -> dict
 
 def _long_plan() -> ExposurePlan:
     """Return the plan of the tests' plate with many exposure times."""
-    plan = plate_exposure_plan()
+    plan: ExposurePlan = plate_exposure_plan()  # type: ignore[no-untyped-call]
     exposures = tuple(
         PlannedExposure(exposure_ms=t, set_value=t, set_unit="ms", order=order, covers=())
         for order, t in enumerate(_TIMES_MS, start=1)
@@ -130,15 +136,21 @@ def _go_on(client: httpx.Client, name: str) -> None:
         client.post(f"/v1/runs/{name}/continue").raise_for_status()
 
 
-def _ends_within(client: httpx.Client, name: str, seconds: float) -> bool:
-    deadline = time.monotonic() + seconds
+def _ends(
+    client: httpx.Client, name: str, n_events: int | None = None, pause_s: float = 0.0
+) -> bool:
+    """Wait until a run has ended, or told so many events more; say whether it has ended."""
+    first, deadline = None, time.monotonic() + 120.0
     while True:
         state = client.get(f"/v1/runs/{name}").raise_for_status().json()
-        if state["state"] == "failed":
-            raise RuntimeError(state["error"])
+        first = state["last_seq"] if first is None else first
         if state["state"] == "finished":
             return True
-        if time.monotonic() > deadline:
+        if state["state"] in _ENDED or time.monotonic() > deadline:
+            msg = f"run {name} is {state['state']}: {state['error']}"
+            raise RuntimeError(msg)
+        if n_events is not None and state["last_seq"] - first >= n_events:
+            time.sleep(pause_s)
             return False
         time.sleep(0.02)
 

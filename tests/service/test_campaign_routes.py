@@ -7,9 +7,23 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from tests.service.run_cases import serving_here
 
 from exposight.cell import CampaignFolder
 from exposight.observing import Observer, observe_campaign, view_features
+
+
+@pytest.fixture
+def served(run_folder):
+    """Return the folder to measure in."""
+    return run_folder
+
+
+@pytest.fixture
+def client(served):
+    """Return a client of the folder."""
+    with serving_here(served) as opened:
+        yield opened
 
 
 def got(client, path, **options):

@@ -11,10 +11,23 @@ from contextlib import contextmanager
 
 import httpx
 import pytest
-from tests.service.conftest import ENDED, await_state, captured, request_of, serving_here
+from tests.service.run_cases import ENDED, await_state, captured, request_of, serving_here
 
 from exposight.service.guard import Limits
 from exposight.service.run_files import RunState
+
+
+@pytest.fixture
+def served(run_folder):
+    """Return the folder to measure in."""
+    return run_folder
+
+
+@pytest.fixture
+def client(served):
+    """Return a client of the folder."""
+    with serving_here(served) as opened:
+        yield opened
 
 
 def state_of(client, name):

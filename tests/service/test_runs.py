@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
-from tests.service.conftest import ENDED, await_state, captured, request_of
+from tests.service.run_cases import ENDED, await_state, captured, request_of
 
 from exposight.cell import CampaignFolder
 from exposight.errors import FileError, MissingFileError
@@ -23,6 +23,12 @@ from exposight.service.folder import ServedFolder
 from exposight.service.run_files import EventLog, RunFolder, RunRequest, events_after, events_from
 from exposight.service.run_process import RunProcess
 from exposight.service.runs import Runs
+
+
+@pytest.fixture
+def served(run_folder):
+    """Return the folder to measure in."""
+    return run_folder
 
 
 @pytest.fixture

@@ -331,7 +331,7 @@ class SensorModels:
         if len(models) == 1 and isinstance(models[0], WindowModel):
             return cls(quality=models[0], target=target)
         quality, exposure = one_of_each(models)
-        return cls(quality=quality, exposure=exposure)
+        return cls(quality=quality, exposure=exposure, target=target)
 
     @property
     def table(self) -> Table:

@@ -36,7 +36,12 @@ EXAMPLES: dict[str, Any] = {
         "serves": {"models": 1, "campaigns": 2, "exposure_plans": 1},
     },
     "models": {"models": [{"name": "models", "sensor": "comet-pro-ae", "models": []}]},
-    "parts": {"parts": [{"campaign": "campaign", "part": "door", "features": ["P1", "P2"]}]},
+    "parts": {
+        "parts": [
+            {"name": "campaign", "kind": "campaign", "part": "door", "features": ["P1", "P2"]}
+        ],
+        "sensors": ["sensor.json"],
+    },
     "plans": {"exposure_plans": ["plan.json"], "measuring_plans": ["plan.toml"]},
     "forecast": {
         "best_exposure_ms": 12.5,
@@ -85,7 +90,7 @@ EXAMPLES: dict[str, Any] = {
     "plan": {
         "verdict": "1 capture in 1 view",
         "n_captures": 1,
-        "plan": {"format": "exposight exposure plan", "version": 1},
+        "plan": {"format": "exposight plan", "version": 1},
         "saved_as": None,
         "notes": [],
     },

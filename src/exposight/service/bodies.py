@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from exposight.cell import ActiveSensor, Part
 from exposight.contradictions import settle
-from exposight.errors import InputError, MissingFileError, did_you_mean
+from exposight.errors import InputError, MissingFileError, PoseError, did_you_mean
 from exposight.geometry import PoseNotation, RigidTransform, parse_pose
 from exposight.observing import View, pose_contradictions, why_not_visible
 from exposight.planning import PROFILES, CaptureCosts, ExposureLimits
@@ -30,6 +30,8 @@ POSE: list[Any] = [
 """A pose for examples."""
 
 _LONGEST_NAME = 255
+_FARTHEST_MM = 1e6
+"""A kilometre: no sensor looks so far."""
 
 
 class Body(BaseModel):
@@ -91,12 +93,20 @@ class Posed(Body):
             raise InputError(msg)
         if self.robot_pose is not None:
             notation = None if self.robot_pose.notation == "printed" else self.robot_pose.notation
-            return parse_pose(notation, self.robot_pose.text)
+            return _near(parse_pose(notation, self.robot_pose.text))
         lengths = {len(row) for row in self.camera_from_part or []}
         if lengths != {4}:
             msg = f"camera_from_part is a 4×4 matrix, got rows of {sorted(lengths)} numbers"
             raise InputError(msg)
-        return RigidTransform.from_matrix(self.camera_from_part or [])
+        return _near(RigidTransform.from_matrix(self.camera_from_part or []))
+
+
+def _near(pose: RigidTransform) -> RigidTransform:
+    """Return a pose, unless it is farther away than any part."""
+    if abs(pose.translation_mm).max() > _FARTHEST_MM:
+        msg = f"the part is {abs(pose.translation_mm).max():.3g} mm away; check the pose's unit"
+        raise PoseError(msg)
+    return pose
 
 
 class PartAndSensor(Body):

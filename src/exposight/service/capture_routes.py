@@ -24,8 +24,22 @@ _Question = TypeVar("_Question", bound=BaseModel)
 
 
 def _schema(question: type[BaseModel]) -> dict[str, Any]:
-    schema = question.model_json_schema(ref_template="#/components/schemas/{model}")
-    return {key: value for key, value in schema.items() if key != "$defs"}
+    """Return a body's schema with all that it refers to in place."""
+    schema = question.model_json_schema()
+    defined = schema.pop("$defs", {})
+
+    def inlined(value: Any) -> Any:
+        if isinstance(value, list):
+            return [inlined(each) for each in value]
+        if not isinstance(value, dict):
+            return value
+        if "$ref" in value:
+            referred = defined[value["$ref"].rpartition("/")[2]]
+            value = {**referred, **{key: each for key, each in value.items() if key != "$ref"}}
+        return {key: inlined(each) for key, each in value.items()}
+
+    whole: dict[str, Any] = inlined(schema)
+    return whole
 
 
 def _multipart(question: type[BaseModel]) -> dict[str, Any]:

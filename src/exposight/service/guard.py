@@ -37,7 +37,7 @@ class Limits:
     pixels : int
         Pixels of an image, looked at before it is decoded.
     points : int
-        Points of a cloud that is not organised.
+        Points of a cloud in the form of campaigns' folders, where a missing one costs a bit.
     request_s : float, s
         Time for a body to arrive, and for its answer.
     busy : int

@@ -68,8 +68,10 @@ def _part(folder: ServedFolder, kind: str, name: str) -> dict[str, Any]:
     try:
         part = folder.campaign(name).part if kind == "campaign" else folder.features(name)
     except ExposightError as error:
-        return {kind: name, "part": None, "features": [], "fault": folder.without_root(error)}
-    return {kind: name, "part": part.name, "features": [each.name for each in part.features]}
+        fault = folder.without_root(error)
+        return {"name": name, "kind": kind, "part": None, "features": [], "fault": fault}
+    names = [each.name for each in part.features]
+    return {"name": name, "kind": kind, "part": part.name, "features": names}
 
 
 @router.get("/v1/plans", responses=_answers("plans"))

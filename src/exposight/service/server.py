@@ -154,11 +154,11 @@ class _Parent:
     def _step(self) -> None:
         """Wait for something to happen, and do what follows from it."""
         self._accept_or_not()
-        for key, _ in self._selector.select(_LOOK_S):
-            if key.data is None:
-                self._accept()
-            else:
-                self._hear(key.data)
+        heard = [key.data for key, _ in self._selector.select(_LOOK_S)]
+        for speaker in filter(None, heard):  # first, so that none is handed to a dead one
+            self._hear(speaker)
+        if None in heard:
+            self._accept()
 
     def _accept_or_not(self) -> None:
         """Accept where there is a worker with room; else connections wait in the backlog."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -27,9 +28,12 @@ _GRACE_S = 10
 class _HandedServer(uvicorn.Server):
     """A server whose connections come over a channel from the process that accepts them."""
 
-    def __init__(self, config: uvicorn.Config, channel: socket.socket) -> None:
+    def __init__(
+        self, config: uvicorn.Config, channel: socket.socket, header_s: float = _KEEP_ALIVE_S
+    ) -> None:
         super().__init__(config)
-        self._channel = channel
+        self._channel, self._header_s = channel, header_s
+        self._silent: dict[Any, float] = {}
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Load the application, then take connections."""
@@ -43,6 +47,27 @@ class _HandedServer(uvicorn.Server):
         """Take no more connections, and finish what was begun."""
         asyncio.get_running_loop().remove_reader(self._channel)
         await super().shutdown(sockets)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look after connections once a second."""
+        if counter % 10 == 0:
+            self._close_silent()
+        return await super().on_tick(counter)
+
+    def _close_silent(self) -> None:
+        """Close connections on which no request has come, or no more than a part of its header.
+
+        Those that wait after an answer have a time limit of uvicorn's, and bodies one of theirs.
+        """
+        now, before, self._silent = time.monotonic(), self._silent, {}
+        for each in self.server_state.connections:
+            connection: Any = each
+            answers = connection.cycle is not None and not connection.cycle.response_complete
+            if answers or connection.timeout_keep_alive_task is not None:
+                continue
+            since = self._silent[connection] = before.get(connection, now)
+            if now - since > self._header_s:
+                connection.transport.close()
 
     def _take(self) -> None:
         """Take the connections that have come."""
@@ -129,7 +154,7 @@ def main() -> None:
     """Serve the connections that come over the channel, as standard input says."""
     settings = ServerSettings.from_json(sys.stdin.buffer.read())
     with socket.socket(fileno=int(sys.argv[1])) as channel:
-        _HandedServer(_config(settings), channel).run()
+        _HandedServer(_config(settings), channel, settings.limits.request_s).run()
 
 
 if __name__ == "__main__":
