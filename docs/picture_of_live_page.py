@@ -28,7 +28,9 @@ def draw_live_page(url: str) -> None:
         shown = io.BytesIO(page.screenshot())
         browser.close()
     with Image.open(shown) as image:
-        few = image.convert("RGB").quantize(128, dither=Image.Dither.NONE)
+        few = image.convert("RGB").quantize(
+            256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+        )
     few.save(PICTURES / "live.png", optimize=True)
 
 
