@@ -201,17 +201,16 @@ class ShownRun:
         }
 
     def _views_of(self, feature: str, rows: ObservationTable | None) -> list[str]:
-        """Return the views that measured a feature, the best first, then the planned one."""
-        names: list[str] = []
-        if rows is not None:
-            frame = rows.frame.filter(pl.col("feature") == feature).sort("p_norm", descending=True)
-            names = frame["view"].unique(maintain_order=True).to_list()
-        planned = (
-            []
-            if self.plan is None
-            else [e.view for e in self.plan.features if e.feature == feature]
-        )
-        return list(dict.fromkeys([*names, *(each for each in planned if each is not None)]))
+        """Return the views of a feature: the one that measured it best first, else the planned."""
+        planned = () if self.plan is None else self.plan.features
+        names = [each.view for each in planned if each.feature == feature and each.view is not None]
+        if rows is None:
+            return names
+        frame = rows.frame.filter(pl.col("feature") == feature)
+        best = frame.group_by("view", maintain_order=True).agg(pl.col("p_norm").max())
+        known = dict(best.iter_rows())
+        names = list(dict.fromkeys([*names, *known]))
+        return sorted(names, key=lambda name: -known.get(name, -1.0))
 
     def _limits(self) -> dict[str, Any] | None:
         """Return what the sensor can be set to."""

@@ -92,7 +92,7 @@ window.addEventListener("online", () => wake());
 /** Follow the chosen run until another one is chosen; what is lost is asked for again. */
 async function follow() {
   const mine = ++view.generation;
-  let faults = 0, listed = 0;
+  let faults = 0, listed = -Infinity;
   while (mine === view.generation) {
     try {
       if (performance.now() - listed > 4000 || !view.run) { await list(); listed = performance.now(); }
@@ -107,7 +107,7 @@ async function follow() {
       if (!more) await pause(document.hidden ? 4000 : view.state && ALIVE.has(view.state.state) ? 400 : 2000);
     } catch (fault) {
       if (mine !== view.generation) return;
-      if (fault instanceof Refused && fault.status === 404) { listed = 0; view.run = null; }
+      if (fault instanceof Refused && fault.status === 404) { listed = -Infinity; view.run = null; }
       else connected(false);
       await pause(Math.min(8000, 500 * 1.6 ** faults++));
     }
@@ -213,7 +213,8 @@ function head() {
   $("report").hidden = state.n_captures === 0;
   if (!sessionStorage.getItem("token")) $("report").href = ofRun("report");
   const { n, had, open, failed } = tally();
-  const captures = counted(state.n_captures, "capture"), known = state.n_had !== null || had.length + failed.length > 0;
+  const captures = counted(state.n_captures, "capture"), known = state.n_had !== null || had.length + failed.length > 0
+    || open.some((each) => each.predicted !== null);
   let said = !known ? `${captures} of ${counted(state.n_features, "feature")}`
     : `${n ? had.length : state.n_had} of ${counted(n || state.n_features, "feature")} had, ${captures}`;
   if (open.length && known) said += `, ${open.length} still open`;
@@ -477,7 +478,8 @@ function loadPlotly() {
 async function drawPart() {
   if (plotting) { pending = true; return; }
   const features = view.scene.features.filter((each) => each.position_mm);
-  if (!features.length) return;
+  if (!features.length) { $("no-part").hidden = false; return; }
+  $("no-part").hidden = true;
   plotting = true;
   try {
     await loadPlotly();
@@ -491,7 +493,8 @@ async function drawPart() {
     await new Promise((done) => { if (document.hidden) done(); else requestAnimationFrame(done); });
     mark("part");
   } catch (fault) {
-    $("part").replaceChildren(make("p", { class: "quiet" }, `No 3D here: ${fault.message}. The table has the same values.`));
+    setText($("no-part"), `No 3D here: ${fault.message}. The table has the same values.`);
+    $("no-part").hidden = false;
   }
   plotting = false;
   if (pending) { pending = false; drawPart(); }
