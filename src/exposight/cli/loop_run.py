@@ -16,7 +16,6 @@ from exposight.cli.app import UsageError
 from exposight.cli.merge import merge_command
 from exposight.cli.result import Result, Written, fact
 from exposight.cli.terminal import progress_bars
-from exposight.drivers import ReplayDriver
 from exposight.errors import SensorError
 from exposight.files import parse_toml, read_text
 from exposight.measuring import measure_adaptively
@@ -43,7 +42,8 @@ class LoopOptions:
     open_loop
         Take the plan's captures as they are, without corrections.
     cell
-        Settings of the simulated cell, TOML: the keys of a measuring plan's table [simulated]
+        With --driver genicam the cell's file, TOML: its devices and commands, of any plan. Of the
+        simulated cell its settings: the keys of a measuring plan's table [simulated]
         (docs/formats.md).
     finish
         Finish of the simulated part: bare, primer, paint, brushed, or one that --cell describes.
@@ -79,7 +79,7 @@ def carry_out_loop(
     output: Path,
     loop: LoopOptions,
     *,
-    recording: Path | None,
+    driver: Driver | None,
     clouds: bool,
 ) -> Result:
     """Carry out the exposure plan in a file, and return what became of its features.
@@ -92,16 +92,16 @@ def carry_out_loop(
         Folder of the campaign.
     loop : LoopOptions
         Who decides.
-    recording : Path or None
-        The campaign that is replayed; None for the simulated cell.
+    driver : Driver or None
+        Who takes the captures; None for the simulated cell.
     clouds : bool
         Whether clouds are kept.
     """
     if loop.open_loop == bool(loop.models):
         msg = "give --models, which correct the plan, or --open-loop to take it as it is"
         raise UsageError(msg)
-    if recording is not None and loop.simulated:
-        msg = "--cell, --finish, --lamp and --rings-only are of the simulated cell, not of a replay"
+    if driver is not None and loop.simulated:
+        msg = "--cell, --finish, --lamp and --rings-only are of the simulated cell, not of others"
         raise UsageError(msg)
     if loop.merge is not None and (not clouds or loop.merge.exists()):
         msg = (
@@ -122,13 +122,11 @@ def carry_out_loop(
         Written.at(output / DECISIONS_FILE, "decisions"),
         Written.at(output / OUTCOMES_FILE, "outcomes"),
     ]
-    made: Driver = (
-        _simulated_cell(plan, models, loop) if recording is None else ReplayDriver(recording)
-    )
-    with progress_bars(kept_in=output) as progress, closing_driver(made) as driver:
+    made = _simulated_cell(plan, models, loop) if driver is None else driver
+    with progress_bars(kept_in=output) as progress, closing_driver(made):
         result = measure_adaptively(
             plan,
-            driver,
+            made,
             output,
             models=models,
             clouds=clouds,

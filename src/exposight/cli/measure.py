@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 from cyclopts.types import PositiveInt
 
 from exposight import measuring
-from exposight.cell import CampaignFolder, closing_driver, preset_name
+from exposight.cell import CampaignFolder, Driver, closing_driver, preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.cluster_options import ClusterOptions
 from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, carry_out_loop
@@ -20,7 +20,7 @@ from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.contradictions import Contradiction
-from exposight.drivers import ReplayDriver
+from exposight.drivers import GenicamDriver, ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.plans import (
     PLAN_SUFFIXES,
@@ -68,14 +68,15 @@ def measure_command(
     plan: str,
     /,
     *,
-    driver: Literal["simulated", "replay"],
+    driver: Literal["simulated", "replay", "genicam"],
     recording: Path | None = None,
     options: RunOptions = DEFAULTS,
     loop: LoopOptions = NO_LOOP,
 ) -> Result:
     """Carry out a measuring plan or an exposure plan with a driver.
 
-    A driver takes the captures: the simulated cell, or a recorded campaign that gives back its own.
+    A driver takes the captures: the simulated cell, a recorded campaign that gives back its own, or
+    the GigE Vision and USB3 Vision cameras of a cell (docs/drivers.md).
     A measuring plan is taken as it is. An exposure plan is carried out in a closed loop: features
     that succeeded leave, what was measured corrects the forecast of the others, and what is left
     is planned again, until nothing is left that can be had. Run the same command again after an
@@ -90,6 +91,8 @@ def measure_command(
 
         exposight measure plan.json --models models --driver simulated --lamp 0.6 -o new
 
+        exposight measure plan.toml --driver genicam --cell cell.toml -o door
+
     Parameters
     ----------
     plan
@@ -103,6 +106,7 @@ def measure_command(
     if (driver == "replay") != (recording is not None):
         msg = "--driver replay needs --recording, the campaign to give back; others do not take it"
         raise UsageError(msg)
+    device, loop = _device_driver(driver, recording, loop)
     if Path(plan).suffix.lower() == EXPOSURE_PLAN_SUFFIX:
         if replace(options, output=None, no_clouds=False) != DEFAULTS:
             msg = (
@@ -114,18 +118,36 @@ def measure_command(
             Path(plan),
             options.output or Path("campaign"),
             loop,
-            recording=recording,
+            driver=device,
             clouds=not options.no_clouds,
         )
     if loop != NO_LOOP:
         msg = "a measuring plan is taken as it is; --models and the like go with an exposure plan"
         raise UsageError(msg)
     chosen = plan_from(plan)
-    if recording is not None:
-        replayed, alone = ReplayDriver(recording), replace(options, workers=options.workers or 1)
-        return carry_out(chosen, lambda: replayed, options if options.cluster else alone)
+    if device is not None:
+        alone = replace(options, workers=options.workers or 1)
+        return carry_out(chosen, lambda: device, options if options.cluster else alone)
     folder = None if plan in PLANS else Path(plan).parent
     return carry_out(chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder), options)
+
+
+def _device_driver(
+    kind: str, recording: Path | None, loop: LoopOptions
+) -> tuple[Driver | None, LoopOptions]:
+    """Return the driver, None for the simulated cell, and the options that are left for a loop."""
+    if recording is not None:
+        return ReplayDriver(recording), loop
+    if kind != "genicam":
+        return None, loop
+    if loop.cell is None:
+        msg = "--driver genicam needs --cell, the file that names devices and commands"
+        raise UsageError(msg)
+    device = GenicamDriver.of_file(loop.cell)
+    if device.part is None:
+        msg = f'{loop.cell}: name the part\'s list of features: features = "features.csv"'
+        raise InputError(msg)
+    return device, replace(loop, cell=None)
 
 
 def carry_out(

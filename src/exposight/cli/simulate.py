@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -10,6 +10,7 @@ from exposight.cell import ActiveSensor, sensor_named_or_read, sensor_preset
 from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
+from exposight.cli.serve_cell import serve_cell
 from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, SimulatedCellSettings, scene_at
@@ -28,6 +29,7 @@ def simulate_command(
     scene: Path | None = None,
     export_scene_to: Annotated[Path | None, Parameter("--export-scene")] = None,
     list_plans: Annotated[bool, Parameter("--list")] = False,
+    serve_as: Literal["gige-vision"] | None = None,
     options: RunOptions = DEFAULTS,
 ) -> Result:
     """Carry out a measuring plan in a simulated cell.
@@ -45,6 +47,8 @@ def simulate_command(
         exposight simulate x --rings-only --observe -o observations.csv
 
         exposight simulate --check --sensor sensor.json -o check.html
+
+        exposight simulate small --serve-as gige-vision -o served
 
     Parameters
     ----------
@@ -70,6 +74,10 @@ def simulate_command(
         Write the scene's mesh, features and sensor for other programs, and leave.
     list_plans
         List the plans that have a name, and leave.
+    serve_as
+        Take no captures: serve camera, projector and robot of the plan's cell on loopback until
+        Ctrl-C, and write the cell's file for measure --driver genicam (docs/drivers.md) to the
+        output folder (served).
     """
     if list_plans:
         if plan is not None:
@@ -90,6 +98,7 @@ def simulate_command(
         msg = "--observe keeps neither clouds nor frames: leave out --raw-frames"
         raise UsageError(msg)
     chosen = plan_from(plan)
+    changes: dict[str, Any]
     given_sensor = _given_sensor(sensor, scene)
     notes: tuple[str, ...] = ()
     if given_sensor is not None and given_sensor != chosen.sensor:
@@ -104,8 +113,18 @@ def simulate_command(
         settings = SimulatedCellSettings.of_plan(chosen, folder)
         settings = replace(settings, scene=scene or settings.scene)
         return _export(chosen, settings, export_scene_to)
+    if serve_as is not None:
+        if raw_frames or replace(options, output=None) != DEFAULTS:
+            msg = (
+                "--serve-as takes no captures: leave out all but plan, --sensor, --scene, --output"
+            )
+            raise UsageError(msg)
+        changes = {"rings_only": rings_only, "scene": scene}
+        changes = {name: value for name, value in changes.items() if value}
+        served = SimulatedCell.for_plan(chosen, folder=folder, **changes)
+        return serve_cell(served, options.output or Path("served"))
     given = {"rings_only": rings_only, "raw_frames": raw_frames, "scene": scene}
-    changes: dict[str, Any] = {name: value for name, value in given.items() if value}
+    changes = {name: value for name, value in given.items() if value}
     result = carry_out(
         chosen, lambda: SimulatedCell.for_plan(chosen, folder=folder, **changes), options
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -190,7 +190,7 @@ class GenicamDriver:
             of_sequence["response"] = sequence.response()
         return [
             FrameStack(
-                frames=np.stack(frames),
+                frames=cast("Image", np.stack(frames)),
                 bit_depth=depth,  # type: ignore[arg-type]
                 exposure_ms=exposure_ms,
                 **of_sequence,
@@ -239,7 +239,7 @@ class GenicamDriver:
         assert sequence is not None
         if self._pair is not None:
             depths = sensor.working_distance_mm
-            return stereo_by_codes(*maps, self._pair, depth_limits_mm=depths).cloud, ""
+            return stereo_by_codes(maps[0], maps[1], self._pair, depth_limits_mm=depths).cloud, ""
         assert sensor.projector is not None
         poses: dict[str, Any] = {
             "projector": sensor.projector.camera,

@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from exposight.aravis_library import aravis, aravis_error
 from exposight.cell import ExposureRange, Image, same_exposure
-from exposight.drivers.aravis import aravis, aravis_error, open_camera
+from exposight.drivers.camera_control import open_camera
 from exposight.errors import InputError, SensorError
 
 _US_PER_MS = 1000.0
@@ -36,6 +37,8 @@ _USUAL_INCREMENT_US = 1.0
 
 _CHUNK_FRAMES = 5
 """Frames within which a new exposure time must show in their chunk data."""
+
+_LOST = "control was lost"
 
 _Value = TypeVar("_Value")
 
@@ -265,8 +268,8 @@ class GenicamCamera:
             if taken_us is None or abs(taken_us - self._exposure_us) <= _USUAL_INCREMENT_US:
                 return frame
         msg = (
-            f"camera {self.settings.id!r} was set to {self._exposure_us / _US_PER_MS:g} ms, but its "
-            f"frames say {(taken_us or 0.0) / _US_PER_MS:g} ms; it ignores the setting"
+            f"camera {self.settings.id!r} was set to {self._exposure_us / _US_PER_MS:g} ms, but "
+            f"its frames say {(taken_us or 0.0) / _US_PER_MS:g} ms; it ignores the setting"
         )
         raise SensorError(msg)
 
@@ -291,7 +294,7 @@ class GenicamCamera:
                 return Frame(**self._image_of(buffer)), taken_us
             reason = f"they came incompletely ({status.value_nick})"
         if self._lost:
-            raise self._gone("control was lost")
+            raise self._gone(_LOST)
         msg = (
             f"camera {self.settings.id!r} gave no frame in {self.settings.tries} tries: {reason}; "
             "check cable, network (packet size, other traffic) and trigger"
@@ -342,12 +345,13 @@ class GenicamCamera:
         try:
             yield
         except self._error as error:
-            raise self._gone(f"cannot {what}: {error}") from error
+            why = f"cannot {what}: {error}"
+            raise self._gone(why) from error
 
     def _gone(self, why: str) -> SensorError:
         return SensorError(
-            f"camera {self.settings.id!r}: {why}. What was captured is kept: check cable and power, "
-            "and run the same command again to go on"
+            f"camera {self.settings.id!r}: {why}. What was captured is kept: check cable and "
+            "power, and run the same command again to go on"
         )
 
     def _optional(self, call: Callable[[], _Value]) -> _Value | None:

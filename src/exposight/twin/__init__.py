@@ -1,5 +1,6 @@
 """A measuring cell made of physics: a part, light, sensors that saturate; a driver like others."""
 
 from exposight.twin.cell_settings import AlignmentErrors, SimulatedCellSettings, draw_alignment
+from exposight.twin.gige_vision import ServedCell
 from exposight.twin.part import Scene, export_scene
 from exposight.twin.simulated_cell import SimulatedCell, scene_at, scene_checksum

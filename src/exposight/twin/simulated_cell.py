@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from exposight.cell import ActiveSensor, Capture, Part
-from exposight.errors import InputError, did_you_mean
+from exposight.errors import InputError, SensorError, did_you_mean
 from exposight.geometry import RigidTransform
+from exposight.imaging import FrameStack
 from exposight.plans import MeasuringPlan, PlannedView, view_seed
 from exposight.twin import sensors
 from exposight.twin.cell_settings import Alignment, SimulatedCellSettings, draw_alignment
@@ -75,7 +76,7 @@ class SimulatedCell:
         self.seed = seed
         self._features = None if features is None else tuple(features)
         self._planned = _by_name(planned)
-        self._traced: tuple[object, Callable[..., Capture]] | None = None
+        self._traced: tuple[object, object] | None = None
         model = self._model
         if self.settings.rings_only and (
             isinstance(model, sensors.DotSensor) or model.needs_whole_frames
@@ -197,13 +198,11 @@ class SimulatedCell:
         """
         alignment = self.alignment(view)
         reported = self.reported_pose(camera_from_part, view)
-        seed = (*view_seed(self.seed, view), round(1000 * exposure_ms))
+        seed = self._noise_seed(view, exposure_ms)
         pose = (camera_from_part, reported)
-        if self._traced is None or self._traced[0] != pose:
-            self._traced = None  # lets go of its memory
-            self._traced = (pose, self._look(*pose))
-        capture = self._traced[1](
-            exposure_ms, view=view, seed=seed, raw_frames=self.settings.raw_frames
+        light: Any = self._light_of(*pose)
+        capture = self._model.capture(
+            light, exposure_ms, view=view, seed=seed, raw_frames=self.settings.raw_frames
         )
         return replace(
             capture,
@@ -211,19 +210,57 @@ class SimulatedCell:
             notes="; ".join(filter(None, (alignment.notes, capture.notes))),
         )
 
-    def _look(self, true: RigidTransform, reported: RigidTransform) -> Callable[..., Capture]:
-        """Trace a view; what is returned takes its captures."""
+    def frames(
+        self, exposure_ms: float, camera_from_part: RigidTransform, *, view: str
+    ) -> FrameStack:
+        """Take the frames from which `capture` computes its cloud, and nothing else.
+
+        Parameters
+        ----------
+        exposure_ms, camera_from_part, view
+            As for `capture`.
+
+        Raises
+        ------
+        SensorError
+            If the sensor takes no patterns, or not this exposure time.
+        InputError
+            If the view sees nothing of the scene.
+        """
+        model = self._model
+        if isinstance(model, sensors.DotSensor):
+            msg = (
+                f"sensor {self.sensor.name!r} has two cameras and takes no patterns; frames are "
+                "those of a sensor with one camera"
+            )
+            raise SensorError(msg)
+        light: Any = self._light_of(camera_from_part, self.reported_pose(camera_from_part, view))
+        return model.recording(light, exposure_ms, self._noise_seed(view, exposure_ms))
+
+    def _noise_seed(self, view: str, exposure_ms: float) -> tuple[int, ...]:
+        return (*view_seed(self.seed, view), round(1000 * exposure_ms))
+
+    def _light_of(self, true: RigidTransform, reported: RigidTransform) -> object:
+        """Return a view's light, traced once for all its exposures."""
+        pose = (true, reported)
+        if self._traced is None or self._traced[0] != pose:
+            self._traced = None  # lets go of its memory
+            self._traced = (pose, self._look(*pose))
+        return self._traced[1]
+
+    def _look(self, true: RigidTransform, reported: RigidTransform) -> object:
+        """Trace a view."""
         model = self._model
         tracer = _tracer(self.settings.scene, self.settings.finishes)
         if isinstance(model, sensors.DotSensor):
-            return partial(model.capture, model.look(tracer, true))
+            return model.look(tracer, true)
         boxes = None
         if self.settings.rings_only:
             part = self.part
             if self._features is not None:
                 part = replace(part, features=tuple(map(part.feature, self._features)))
             boxes = sensors.ring_boxes(part, self.sensor, reported)
-        return partial(model.capture, model.look(tracer, true, boxes))
+        return model.look(tracer, true, boxes)
 
     @property
     def _model(self) -> sensors.StripeSensor | sensors.DotSensor:

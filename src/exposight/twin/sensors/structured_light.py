@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -220,6 +220,22 @@ class StripeSensor:
             depth = self.electronics.bit_depth
             stacks.append(FrameStack(frames=grey, bit_depth=depth, exposure_ms=exposure_ms))
         return tuple(stacks)
+
+    def recording(self, light: StripeLight, exposure_ms: float, seed: Sequence[int]) -> FrameStack:
+        """Take all stripe images at one exposure time in the camera's size.
+
+        As `frames`, put together; 0 where only boxes were traced.
+        """
+        stacks = self.frames(light, exposure_ms, seed)
+        whole = [
+            self._whole_frame(light, [stack.frames[i] for stack in stacks])
+            for i in range(self.sequence.n_frames)
+        ]
+        return FrameStack(
+            frames=cast("Image", np.stack(whole)),
+            bit_depth=self.electronics.bit_depth,
+            exposure_ms=exposure_ms,
+        )
 
     def capture(
         self,

@@ -1,25 +1,13 @@
-"""Aravis, the library that speaks GigE Vision and USB3 Vision, as Debian packages it."""
+"""Cameras that answer to Aravis, and control of one."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.machinery
-import importlib.util
-import sys
 import time
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
+from exposight.aravis_library import aravis, aravis_error
 from exposight.errors import SensorError
-
-_SYSTEM_PACKAGES = "/usr/lib/python3/dist-packages"
-"""Where Debian keeps Python's GObject interface, which a virtual environment does not see."""
-
-_HOW_TO_INSTALL = (
-    "cameras are reached through Aravis 0.8: on Debian and Ubuntu install the packages "
-    "gir1.2-aravis-0.8 and python3-gi, elsewhere Aravis with its introspection data and PyGObject"
-)
 
 CONTROL_WAIT_S = 6.0
 """How long control of a camera is waited for: a holder that died loses it after its heartbeat
@@ -47,52 +35,6 @@ class FoundCamera:
 
     def __str__(self) -> str:
         return f"{self.id} (serial {self.serial or 'unknown'}, {self.address or 'no address'})"
-
-
-@cache
-def aravis() -> Any:
-    """Return Aravis's GObject interface.
-
-    Raises
-    ------
-    SensorError
-        If it is not installed; the message says what to install.
-    """
-    try:
-        gi = sys.modules.get("gi") or _gi()
-        gi.require_version("Aravis", "0.8")
-        return importlib.import_module("gi.repository.Aravis")
-    except (ImportError, ValueError) as error:
-        msg = f"{_HOW_TO_INSTALL}; got: {error}"
-        raise SensorError(msg) from error
-
-
-@cache
-def aravis_error() -> type[Exception]:
-    """Return the exception that Aravis's calls raise."""
-    aravis()
-    return importlib.import_module("gi.repository.GLib").Error  # type: ignore[no-any-return]
-
-
-def _gi() -> Any:
-    """Import ``gi``, from the system's packages where this environment has none.
-
-    Its folder does not come on the path: nothing else there belongs to this environment.
-    """
-    try:
-        return importlib.import_module("gi")
-    except ImportError:
-        spec = importlib.machinery.PathFinder.find_spec("gi", [_SYSTEM_PACKAGES])
-        if spec is None or spec.loader is None:
-            raise
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["gi"] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules["gi"]
-        raise
-    return module
 
 
 def cameras_found() -> tuple[FoundCamera, ...]:
