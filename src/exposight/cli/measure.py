@@ -20,7 +20,7 @@ from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.contradictions import Contradiction
-from exposight.drivers import GenicamDriver, ReplayDriver
+from exposight.drivers import GenicamDriver, RcVisardDriver, ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.plans import (
     PLAN_SUFFIXES,
@@ -63,12 +63,18 @@ class RunOptions(ClusterOptions):
 
 DEFAULTS = RunOptions()
 
+_DEVICES: Mapping[str, type[GenicamDriver] | type[RcVisardDriver]] = {
+    "genicam": GenicamDriver,
+    "rc_visard": RcVisardDriver,
+}
+"""Drivers of a cell's file."""
+
 
 def measure_command(
     plan: str,
     /,
     *,
-    driver: Literal["simulated", "replay", "genicam"],
+    driver: Literal["simulated", "replay", "genicam", "rc_visard"],
     recording: Path | None = None,
     options: RunOptions = DEFAULTS,
     loop: LoopOptions = NO_LOOP,
@@ -138,12 +144,12 @@ def _device_driver(
     """Return the driver, None for the simulated cell, and the options that are left for a loop."""
     if recording is not None:
         return ReplayDriver(recording), loop
-    if kind != "genicam":
+    if kind not in _DEVICES:
         return None, loop
     if loop.cell is None:
-        msg = "--driver genicam needs --cell, the file that names devices and commands"
+        msg = f"--driver {kind} needs --cell, the file that names devices and commands"
         raise UsageError(msg)
-    device = GenicamDriver.of_file(loop.cell)
+    device = _DEVICES[kind].of_file(loop.cell)
     if device.part is None:
         msg = f'{loop.cell}: name the part\'s list of features: features = "features.csv"'
         raise InputError(msg)
