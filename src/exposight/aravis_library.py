@@ -6,6 +6,7 @@ import importlib
 import importlib.machinery
 import importlib.util
 import sys
+import warnings
 from functools import cache
 from typing import Any
 
@@ -30,9 +31,11 @@ def aravis() -> Any:
         If it is not installed; the message says what to install.
     """
     try:
-        gi = sys.modules.get("gi") or _gi()
-        gi.require_version("Aravis", "0.8")
-        return importlib.import_module("gi.repository.Aravis")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # PyGObject imports as Python did before 3.12
+            gi = sys.modules.get("gi") or _gi()
+            gi.require_version("Aravis", "0.8")
+            return importlib.import_module("gi.repository.Aravis")
     except (ImportError, ValueError) as error:
         msg = f"{_HOW_TO_INSTALL}; got: {error}"
         raise SensorError(msg) from error

@@ -11,7 +11,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from filelock import FileLock
 
 from exposight.cell import ExposureRange, sensor_preset
@@ -43,6 +42,12 @@ def small_plan(exposures_ms=EXPOSURES_MS) -> MeasuringPlan:
     return replace(small, name="served", sensor=sensor, planes=(plane,), random=(), simulated={})
 
 
+def served_alone() -> FileLock:
+    """Return the lock of the one port that the protocol has on this machine."""
+    name = f"exposight-gige-{os.getuid()}.lock"
+    return FileLock(Path(tempfile.gettempdir()) / name, timeout=300)
+
+
 class ServedProcess:
     """`exposight simulate --serve-as gige-vision`, which may be killed and begun again."""
 
@@ -51,8 +56,7 @@ class ServedProcess:
         self.plan_file = folder / "plan.toml"
         write_plan(self.plan_file, plan)
         self.cell_file = folder / "served" / "cell.toml"
-        # The protocol has one port: one served camera at a time on this machine.
-        self._lock = FileLock(Path(tempfile.gettempdir()) / f"exposight-gige-{os.getuid()}.lock", timeout=300)
+        self._lock = served_alone()
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> ServedProcess:
@@ -103,8 +107,3 @@ class ServedProcess:
             assert self._process.stderr is not None
             self._process.stderr.close()
             self._process = None
-
-
-def frames_equal(first: object, second: object) -> bool:
-    """Tell whether two images are the same, bit for bit."""
-    return np.array_equal(first, second)  # type: ignore[arg-type]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ from exposight.files import write_durably
 logger = logging.getLogger(__name__)
 
 LOOPBACK = "127.0.0.1"
+
+_PORT = 3956
+"""Of GigE Vision's control channel."""
 
 _LIBRARY = "libaravis-0.8.so.0"
 
@@ -159,13 +163,11 @@ class GigeCamera:
         library = aravis()
         path = folder / "genicam.xml"
         write_durably(path, genicam_xml("cell", exposure, rounding_us).encode())
+        _check_port()
         self._served: Any = library.GvFakeCamera.new_full(LOOPBACK, serial, str(path))
         if not self._served.is_running():
             self._served = None
-            msg = (
-                f"no GigE Vision camera can be served on {LOOPBACK}: another one is, on the only "
-                "port that the protocol has (UDP 3956); end that one first"
-            )
+            msg = f"Aravis serves no camera on {LOOPBACK}; is the loopback interface up?"
             raise SensorError(msg)
         self._camera = self._served.get_fake_camera()
         self._size, self._frame = size, frame
@@ -205,3 +207,22 @@ class GigeCamera:
     def close(self) -> None:
         """End the camera."""
         self._served = self._camera = None
+
+
+def _check_port() -> None:
+    """Check that no other camera is served: Aravis would share its port, and answers would mix.
+
+    Raises
+    ------
+    SensorError
+        If one is.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((LOOPBACK, _PORT))
+        except OSError as error:
+            msg = (
+                f"no GigE Vision camera can be served on {LOOPBACK}: another one is, on the only "
+                f"port that the protocol has (UDP {_PORT}); end that one first"
+            )
+            raise SensorError(msg) from error
