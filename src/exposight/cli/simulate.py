@@ -75,9 +75,9 @@ def simulate_command(
     list_plans
         List the plans that have a name, and leave.
     serve_as
-        Take no captures: serve camera, projector and robot of the plan's cell on loopback until
-        Ctrl-C, and write the cell's file for measure --driver genicam (docs/drivers.md) to the
-        output folder (served).
+        Take no captures: serve sensor, projector and robot of the plan's cell on loopback until
+        Ctrl-C, and write the cell's file for measure --driver genicam or rc_visard
+        (docs/drivers.md) to the output folder (served).
     """
     if list_plans:
         if plan is not None:
