@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -11,13 +12,18 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from filelock import FileLock
 
-from exposight.cell import ExposureRange, sensor_preset
+from exposight.cell import CampaignFolder, ExposureRange, closing_driver, sensor_preset
+from exposight.drivers import GenicamDriver
+from exposight.measuring import measure_observations
+from exposight.observing import observe_campaign
 from exposight.plans import PLANS, DepthPlane, MeasuringPlan, write_plan
 from exposight.twin import SimulatedCell
 
 _START_S = 60.0
+_RUN_S = 120.0
 EXPOSURES_MS = (5.0, 17.0, 60.0, 150.0, 400.0)
 """From dark to clipped."""
 
@@ -107,3 +113,72 @@ class ServedProcess:
             assert self._process.stderr is not None
             self._process.stderr.close()
             self._process = None
+
+
+def frames_exact(served: ServedProcess) -> bool:
+    """Take a view at every exposure time over the network, and compare with the cell itself."""
+    cell, driver = served.cell, GenicamDriver.of_file(served.cell_file)
+    view = served.plan.views(cell.part)[0]
+    with closing_driver(driver):
+        for exposure_ms in view.exposures_ms:
+            taken = driver.capture(exposure_ms, view.camera_from_part, view=view.name)
+            wanted = cell.capture(exposure_ms, view.camera_from_part, view=view.name)
+            same = (
+                taken.exposure_ms == exposure_ms
+                and taken.camera_from_part == wanted.camera_from_part
+                and np.array_equal(taken.image, wanted.image)
+                and np.array_equal(taken.stack.maximum, wanted.stack.maximum)
+                and np.array_equal(taken.stack.modulation, wanted.stack.modulation)
+                and np.array_equal(taken.cloud.points, wanted.cloud.points, equal_nan=True)
+            )
+            if not same:
+                return False
+    return True
+
+
+def measuring(served: ServedProcess, output: Path) -> list[str]:
+    """Return the command that measures the plan through the served devices."""
+    return [
+        *(sys.executable, "-m", "exposight", "measure", str(served.plan_file)),
+        *("--driver", "genicam", "--cell", str(served.cell_file), "-o", str(output)),
+    ]
+
+
+def checksums(folder: Path) -> dict[Path, str]:
+    """Return the checksum of every file of the captures."""
+    return {
+        path.relative_to(folder): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted((folder / "captures").rglob("*"))
+        if path.is_file()
+    }
+
+
+def unplug_and_resume(served: ServedProcess, output: Path) -> str:
+    """Kill the served devices in mid-run and measure on; return what the broken run said.
+
+    Raises
+    ------
+    AssertionError
+        If the run ends otherwise than with a message, or anything is lost or other than simulated.
+    """
+    run = subprocess.Popen(measuring(served, output), stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + _RUN_S
+    while not list(output.glob("captures/*/capture.json")):
+        assert run.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    served.kill()
+    _, message = run.communicate(timeout=_RUN_S)
+    assert run.returncode == 1, message
+    kept = checksums(output)
+    served.start()
+    again = subprocess.run(
+        measuring(served, output), capture_output=True, text=True, timeout=_RUN_S, check=False
+    )
+    assert again.returncode == 0, again.stderr
+    assert kept.items() <= checksums(output).items()
+    there = observe_campaign(CampaignFolder(output)).frame
+    simulated = measure_observations(served.plan, served.cell).frame
+    columns = ["feature", "view", "exposure_ms", "p_norm", "i_avg"]
+    assert there[columns].equals(simulated[columns])
+    return message

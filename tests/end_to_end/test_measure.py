@@ -54,7 +54,7 @@ def test_captures_are_observed_at_once(plan, replay, campaign, tmp_path, run_jso
     [
         (("--driver", "replay"), "needs --recording"),
         (("--driver", "simulated", "--recording", "x"), "others do not take it"),
-        (("--driver", "genicam"), '"simulated", "replay"'),
+        (("--driver", "genicam"), "needs --cell"),
         ((), "--driver is missing"),
         (("--driver", "simulated", "--observe", "--no-clouds"), "leave out --no-clouds"),
     ],

@@ -109,6 +109,9 @@ class CellFile:
         if (self.projector is None) != (self.sequence is None):
             msg = "[projector] and [sequence] go together: a command that shows which patterns"
             raise InputError(msg)
+        if self.features is not None and not self.part.strip():
+            msg = 'features need the name of their part: part = "door"'
+            raise InputError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)
