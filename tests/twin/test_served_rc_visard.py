@@ -16,6 +16,7 @@ import pytest
 from exposight.cell import sensor_preset
 from exposight.drivers import read_cell
 from exposight.errors import SensorError
+from exposight.plans import PLANS, DepthPlane, write_plan
 from exposight.rc_visard_messages import STREAM_METHOD, grpc_library, message_class
 from exposight.twin import ServedRcVisard, SimulatedCell
 
@@ -130,18 +131,24 @@ def test_other_sensors_are_not_served(scene, tmp_path, stereo_cell):
 
 @pytest.mark.slow
 def test_the_command_serves_until_it_is_interrupted(tmp_path):
+    plane = DepthPlane(name="a", z_tcp_mm=0.0, x_mm=(0.0,), y_mm=(0.0,), exposures_ms=(8.0,))
+    sensor = sensor_preset("rc-visard-65")
+    plan = replace(PLANS["small"], sensor=sensor, planes=(plane,), random=(), simulated={})
+    write_plan(tmp_path / "plan.toml", plan)
     command = [
-        *(sys.executable, "-m", "exposight", "simulate", "small", "--sensor", "rc-visard-65"),
+        *(sys.executable, "-m", "exposight", "simulate", str(tmp_path / "plan.toml")),
         *("--serve-as", "rc-visard", "-o", str(tmp_path)),
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         until = time.monotonic() + 60.0
-        while not (tmp_path / "cell.toml").exists() and time.monotonic() < until:
+        while process.poll() is None and time.monotonic() < until:
+            if (tmp_path / "cell.toml").exists():
+                break
             time.sleep(0.05)
-        cell = read_cell(tmp_path / "cell.toml")
-        time.sleep(0.5)
+        time.sleep(0.5)  # until it waits
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=20)
     assert process.returncode == 0, output.decode()
-    assert cell.sensor == sensor_preset("rc-visard-65")
+    cell = read_cell(tmp_path / "cell.toml")
+    assert cell.sensor == sensor
     assert len(cell.part.features) > 2

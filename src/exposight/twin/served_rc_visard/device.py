@@ -102,7 +102,7 @@ class ServedDevice:
         self._kept: tuple[object, Any] = (None, None)
         self._before: Any = None
         exposure = cell.sensor.exposure
-        limits = (exposure.min_ms / 1000.0, exposure.max_ms / 1000.0)
+        limits = (round(exposure.min_ms / 1000.0, 12), round(exposure.max_ms / 1000.0, 12))
         self.nodes = {
             CAMERA: _parameters(
                 exp_control=("Auto", ("Manual", "Auto", "HDR")),
