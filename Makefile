@@ -71,7 +71,7 @@ bench: $(DEVELOP)  ## Run a benchmark: make bench NAME=real
 
 requirements: $(DEVELOP)  ## Pin the dependencies again, with hashes and without addresses
 	$(PIP) uv
-	for extras in "requirements.txt" "requirements-dev.txt --extra dev --extra cluster --extra e57 --extra cad"; do \
+	for extras in "requirements.txt" "requirements-dev.txt --extra dev --extra cluster --extra e57 --extra cad --extra service --extra rc-visard"; do \
 	  $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 	    --no-emit-index-url --no-emit-find-links --no-annotate --extra build pyproject.toml \
 	    --output-file $$extras; done

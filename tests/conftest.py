@@ -19,7 +19,7 @@ from exposight.cell import ActiveSensor, Feature, Part, Projector, sensor_preset
 from exposight.geometry import PinholeCamera, RigidTransform
 from exposight.measuring import measure
 from exposight.plans import DepthPlane, MeasuringPlan
-from exposight.twin import Scene, SimulatedCell, export_scene
+from exposight.twin import Scene, SimulatedCell, SimulatedCellSettings, export_scene
 from exposight.twin.part import FINISHES, check_scene
 
 _REPOSITORY = Path(__file__).resolve().parent.parent
@@ -270,6 +270,15 @@ def cell(scene) -> Callable[..., SimulatedCell]:
         return SimulatedCell.for_plan(plan, **{"rings_only": True, "scene": scene, **changes})
 
     return build
+
+
+@pytest.fixture(scope="session")
+def stereo_cell(scene) -> SimulatedCell:
+    """Two rectified cameras of few pixels and a projector of dots before the sheet."""
+    full = sensor_preset("rc-visard-65")
+    camera = replace(full.camera, width=480, height=208, cx=280.0, cy=103.5)
+    sensor = replace(full, name="small rc_visard", cameras=(camera, camera))
+    return SimulatedCell(sensor, SimulatedCellSettings(scene=scene), seed=3)
 
 
 @pytest.fixture(scope="session")

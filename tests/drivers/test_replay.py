@@ -7,10 +7,11 @@ import pytest
 
 from exposight.cell import CampaignFolder
 from exposight.drivers import ReplayDriver
-from exposight.errors import InputError
+from exposight.errors import InputError, SensorError
 from exposight.geometry import RigidTransform
 from exposight.measuring import measure, measure_observations, recorded_driver
 from exposight.observing import observe_campaign
+from exposight.plans import write_plan
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -45,3 +46,50 @@ def test_what_was_not_recorded_is_named(alone):
     away = RigidTransform(translation_mm=np.array([0.0, 0.0, 25.0])) @ recorded.camera_from_part
     with pytest.raises(InputError, match=r"nearest view, 'middle-x1-y1', .* 25\.0 mm elsewhere"):
         replay.capture(30.0, away, view="v")
+
+
+def at(plan, *exposures_ms):
+    return replace(plan, planes=(replace(plan.planes[0], exposures_ms=exposures_ms),))
+
+
+def test_the_nearest_exposure_time_within_two_percent_is_given(alone):
+    replay, recorded = ReplayDriver(alone), next(CampaignFolder(alone).captures())
+    assert replay.capture(324.0, recorded.camera_from_part, view="v").exposure_ms == 330.0
+    with pytest.raises(InputError, match=r"30, 330 ms, not at 322 ms or within 2 %"):
+        replay.capture(322.0, recorded.camera_from_part, view="v")
+
+
+def test_more_may_be_allowed_and_the_measurement_takes_it(tmp_path, alone, one_view):
+    plan = at(one_view, 33.0, 320.0)
+    with pytest.raises(InputError, match="not at 33 ms or within 2 %"):
+        measure(plan, ReplayDriver(alone), tmp_path / "narrow")
+    for _ in range(2):  # again: all is there
+        campaign = measure(plan, ReplayDriver(alone, within=0.1), tmp_path / "wide")
+    assert [capture.exposure_ms for capture in campaign.descriptions()] == [30.0, 330.0]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_recorded_capture_is_not_given_for_two_planned_ones(
+    tmp_path, alone, one_view, interrupted
+):
+    plan, replay = at(one_view, 29.0, 33.0), ReplayDriver(alone, within=0.2)
+    for _ in range(1 + interrupted):
+        with pytest.raises(SensorError, match="set to 33 ms and took 30 ms, which it had taken"):
+            measure(plan, replay, tmp_path / "door")
+    assert len(CampaignFolder(tmp_path / "door")) == 1
+    with pytest.raises(SensorError, match="which it had taken before"):
+        measure_observations(plan, replay)
+
+
+def test_a_share_that_is_none_is_refused(alone):
+    with pytest.raises(InputError, match="from 0 to 1, got 10"):
+        ReplayDriver(alone, within=10.0)
+
+
+def test_the_command_says_by_how_much(tmp_path, alone, one_view, run):
+    write_plan(tmp_path / "plan.toml", at(one_view, 33.0))
+    given = ("measure", tmp_path / "plan.toml", "--driver")
+    replay = (*given, "replay", "--recording", alone, "-o", tmp_path / "again")
+    assert "not at 33 ms or within 5 %" in " ".join(run(*replay, "--within", 5).stderr.split())
+    assert run(*replay, "--within", 10).exit_code == 0
+    assert run(*given, "simulated", "--within", 10).exit_code != 0

@@ -21,7 +21,13 @@ from exposight.cell.cloud_formats.depth_images import (
     read_depth,
     read_depth_cloud,
 )
-from exposight.cell.driver import Driver, closing_driver, same_exposure
+from exposight.cell.driver import (
+    ROUNDED_SHARE,
+    Driver,
+    closing_driver,
+    exposure_share,
+    same_exposure,
+)
 from exposight.cell.feature_lists.feature_files import read_features, write_features
 from exposight.cell.image import (
     GREY_MAX,

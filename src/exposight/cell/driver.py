@@ -40,6 +40,9 @@ Optional members, which the loop looks up by name:
     names the kind of cell.
 ``campaign_files()`` : mapping of str to bytes
     Further files for the campaign's folder, by name, such as what raw frames mean.
+``exposure_share`` : float
+    By which share captures' exposure times may differ from those asked for, where that is more than
+    `same_exposure` allows: a recording gives the nearest that it has.
 ``close()``
     Restores the settings that the device had, and lets go of it. Who made the driver calls it when
     the captures are taken, whatever happens (`closing_driver`): ``exposight measure`` does, and so
@@ -104,18 +107,27 @@ ROUNDED_SHARE = 0.02
 """How much a device may round an exposure time, as a share of it: 1000 µs became 1015."""
 
 
-def same_exposure(asked_ms: float, taken_ms: float, increment_ms: float) -> bool:
+def same_exposure(
+    asked_ms: float, taken_ms: float, increment_ms: float, share: float = ROUNDED_SHARE
+) -> bool:
     """Tell whether an exposure time read back is the one that was asked for, as devices round.
 
     Parameters
     ----------
     asked_ms, taken_ms : float, ms
-        They may differ by the increment or by 2 % of what was asked for, whichever is more.
+        They may differ by the increment or by a share of what was asked for, whichever is more.
     increment_ms : float, ms
         The step between the sensor's settings.
+    share : float
+        2 % by default; a driver may allow more (`exposure_share`).
     """
-    allowed_ms = max(increment_ms, ROUNDED_SHARE * asked_ms)
+    allowed_ms = max(increment_ms, share * asked_ms)
     return abs(asked_ms - taken_ms) <= allowed_ms * (1 + 1e-9)
+
+
+def exposure_share(driver: Driver) -> float:
+    """Return by which share a driver's exposure times may differ from those asked for."""
+    return float(getattr(driver, "exposure_share", ROUNDED_SHARE))
 
 
 @contextmanager

@@ -42,8 +42,8 @@ class LoopOptions:
     open_loop
         Take the plan's captures as they are, without corrections.
     cell
-        With --driver genicam the cell's file, TOML: its devices and commands, of any plan. Of the
-        simulated cell its settings: the keys of a measuring plan's table [simulated]
+        With --driver genicam or rc_visard the cell's file, TOML: its devices and commands, of any
+        plan. Of the simulated cell its settings: the keys of a measuring plan's table [simulated]
         (docs/formats.md).
     finish
         Finish of the simulated part: bare, primer, paint, brushed, or one that --cell describes.

@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 from cyclopts.types import PositiveInt
+from cyclopts.validators import Number
 
 from exposight import measuring
-from exposight.cell import CampaignFolder, Driver, closing_driver, preset_name
+from exposight.cell import ROUNDED_SHARE, CampaignFolder, Driver, closing_driver, preset_name
 from exposight.cli.app import UsageError
 from exposight.cli.cluster_options import ClusterOptions
 from exposight.cli.loop_run import EXPOSURE_PLAN_SUFFIX, NO_LOOP, LoopOptions, carry_out_loop
@@ -20,7 +21,7 @@ from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.contradictions import Contradiction
-from exposight.drivers import GenicamDriver, ReplayDriver
+from exposight.drivers import GenicamDriver, RcVisardDriver, ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.plans import (
     PLAN_SUFFIXES,
@@ -63,20 +64,29 @@ class RunOptions(ClusterOptions):
 
 DEFAULTS = RunOptions()
 
+_DEVICES: Mapping[str, type[GenicamDriver] | type[RcVisardDriver]] = {
+    "genicam": GenicamDriver,
+    "rc_visard": RcVisardDriver,
+}
+"""Drivers of a cell's file."""
+
 
 def measure_command(
     plan: str,
     /,
     *,
-    driver: Literal["simulated", "replay", "genicam"],
+    driver: Literal["simulated", "replay", "genicam", "rc_visard"],
     recording: Path | None = None,
+    within: Annotated[
+        float | None, Parameter(metavar="PERCENT", validator=Number(gte=0, lte=100))
+    ] = None,
     options: RunOptions = DEFAULTS,
     loop: LoopOptions = NO_LOOP,
 ) -> Result:
     """Carry out a measuring plan or an exposure plan with a driver.
 
-    A driver takes the captures: the simulated cell, a recorded campaign that gives back its own, or
-    the GigE Vision and USB3 Vision cameras of a cell (docs/drivers.md).
+    A driver takes the captures: the simulated cell, a recorded campaign that gives back its own,
+    the GigE Vision and USB3 Vision cameras of a cell, or its rc_visard (docs/drivers.md).
     A measuring plan is taken as it is. An exposure plan is carried out in a closed loop: features
     that succeeded leave, what was measured corrects the forecast of the others, and what is left
     is planned again, until nothing is left that can be had. Run the same command again after an
@@ -102,11 +112,17 @@ def measure_command(
         Who takes the captures.
     recording
         With --driver replay: the campaign whose captures are given back.
+    within
+        With --driver replay: how far the recorded exposure time nearest to the planned one may be
+        from it; 2 by default.
     """
     if (driver == "replay") != (recording is not None):
         msg = "--driver replay needs --recording, the campaign to give back; others do not take it"
         raise UsageError(msg)
-    device, loop = _device_driver(driver, recording, loop)
+    if within is not None and recording is None:
+        msg = "--within goes with --driver replay"
+        raise UsageError(msg)
+    device, loop = _device_driver(driver, recording, within, loop)
     if Path(plan).suffix.lower() == EXPOSURE_PLAN_SUFFIX:
         if replace(options, output=None, no_clouds=False) != DEFAULTS:
             msg = (
@@ -133,17 +149,18 @@ def measure_command(
 
 
 def _device_driver(
-    kind: str, recording: Path | None, loop: LoopOptions
+    kind: str, recording: Path | None, within: float | None, loop: LoopOptions
 ) -> tuple[Driver | None, LoopOptions]:
     """Return the driver, None for the simulated cell, and the options that are left for a loop."""
     if recording is not None:
-        return ReplayDriver(recording), loop
-    if kind != "genicam":
+        share = ROUNDED_SHARE if within is None else within / 100
+        return ReplayDriver(recording, within=share), loop
+    if kind not in _DEVICES:
         return None, loop
     if loop.cell is None:
-        msg = "--driver genicam needs --cell, the file that names devices and commands"
+        msg = f"--driver {kind} needs --cell, the file that names devices and commands"
         raise UsageError(msg)
-    device = GenicamDriver.of_file(loop.cell)
+    device = _DEVICES[kind].of_file(loop.cell)
     if device.part is None:
         msg = f'{loop.cell}: name the part\'s list of features: features = "features.csv"'
         raise InputError(msg)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -10,7 +10,7 @@ from exposight.cell import ActiveSensor, sensor_named_or_read, sensor_preset
 from exposight.cli.app import UsageError
 from exposight.cli.measure import DEFAULTS, RunOptions, carry_out, plan_from, plan_summary
 from exposight.cli.result import Result, Written, fact
-from exposight.cli.serve_cell import serve_cell
+from exposight.cli.serve_cell import ServedAs, serve_cell
 from exposight.plans import PLANS, MeasuringPlan
 from exposight.tables import Column, Table
 from exposight.twin import SimulatedCell, SimulatedCellSettings, scene_at
@@ -29,7 +29,7 @@ def simulate_command(
     scene: Path | None = None,
     export_scene_to: Annotated[Path | None, Parameter("--export-scene")] = None,
     list_plans: Annotated[bool, Parameter("--list")] = False,
-    serve_as: Literal["gige-vision"] | None = None,
+    serve_as: ServedAs | None = None,
     options: RunOptions = DEFAULTS,
 ) -> Result:
     """Carry out a measuring plan in a simulated cell.
@@ -75,9 +75,9 @@ def simulate_command(
     list_plans
         List the plans that have a name, and leave.
     serve_as
-        Take no captures: serve camera, projector and robot of the plan's cell on loopback until
-        Ctrl-C, and write the cell's file for measure --driver genicam (docs/drivers.md) to the
-        output folder (served).
+        Take no captures: serve sensor, projector and robot of the plan's cell on loopback until
+        Ctrl-C, and write the cell's file for measure --driver genicam or rc_visard
+        (docs/drivers.md) to the output folder (served).
     """
     if list_plans:
         if plan is not None:
@@ -122,7 +122,7 @@ def simulate_command(
         changes = {"rings_only": rings_only, "scene": scene}
         changes = {name: value for name, value in changes.items() if value}
         served = SimulatedCell.for_plan(chosen, folder=folder, **changes)
-        return serve_cell(served, options.output or Path("served"))
+        return serve_cell(served, options.output or Path("served"), serve_as)
     given = {"rings_only": rings_only, "raw_frames": raw_frames, "scene": scene}
     changes = {name: value for name, value in given.items() if value}
     result = carry_out(

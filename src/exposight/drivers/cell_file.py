@@ -9,6 +9,7 @@ from exposight.cell import ActiveSensor, Part, read_features, sensor_named_or_re
 from exposight.drivers.commands import CellCommand
 from exposight.drivers.genicam_camera import CameraSettings
 from exposight.drivers.moves import MoveCommand
+from exposight.drivers.rc_visard_rest import RcVisardSettings
 from exposight.errors import InputError
 from exposight.files import parse_toml, read_text, validate
 from exposight.imaging import (
@@ -84,6 +85,8 @@ class CellFile:
         When a match counts.
     move : MoveCommand, optional
         What moves to a pose.
+    rc_visard : RcVisardSettings, optional
+        The rc_visard, in place of cameras.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class CellFile:
     sequence: SequenceChoice | None = None
     stereo: StereoLimits = field(default_factory=StereoLimits)
     move: MoveCommand | None = None
+    rc_visard: RcVisardSettings | None = None
 
     def __post_init__(self) -> None:
         if (self.projector is None) != (self.sequence is None):

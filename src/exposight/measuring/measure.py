@@ -17,12 +17,12 @@ from typing import overload
 import polars as pl
 
 from exposight.cell import (
-    ActiveSensor,
     CampaignFolder,
     CampaignWriter,
     CaptureKey,
     Driver,
     Part,
+    exposure_share,
     same_exposure,
 )
 from exposight.contradictions import Contradiction
@@ -188,8 +188,8 @@ def measure(
             files: Mapping[str, bytes] = getattr(driver, "campaign_files", dict)()
             for name, content in files.items():
                 write_durably(folder / name, content)
-        there = _captures_there(writer, numbers, folder, plan.sensor)
-        tasks = job.tasks(numbers.keys() - there)
+        there = _captures_there(writer, numbers, folder, driver)
+        tasks = job.tasks(numbers.keys() - there, writer.keys.values())
         done = len(there)
         progress("measuring", done, len(numbers))
         work = partial(view_work.write_view, folder, record_sha256)
@@ -338,14 +338,17 @@ class _Job:
         keys = [CaptureKey(view.name, t) for view in self.views for t in view.exposures_ms]
         self.numbers = {key: number for number, key in enumerate(keys)}
 
-    def tasks(self, missing: Collection[CaptureKey]) -> list[view_work.ViewTask]:
-        """Return a task for each view of which captures are missing."""
+    def tasks(
+        self, missing: Collection[CaptureKey], there: Collection[CaptureKey] = ()
+    ) -> list[view_work.ViewTask]:
+        """Return a task for each view of which captures are missing; others are there."""
         tasks = []
         for view in self.views:
             keys = [CaptureKey(view.name, t) for t in view.exposures_ms]
             captures = tuple((self.numbers[key], key.exposure_ms) for key in keys if key in missing)
             if captures:
-                tasks.append(self._task(view=view, captures=captures))
+                taken_ms = tuple(key.exposure_ms for key in there if key.view == view.name)
+                tasks.append(self._task(view=view, captures=captures, taken_ms=taken_ms))
         return tasks
 
     def kept_view(self, name: str, path: Path) -> ObservationTable:
@@ -421,15 +424,16 @@ def _captures_there(
     writer: CampaignWriter,
     numbers: Mapping[CaptureKey, int],
     folder: Path,
-    sensor: ActiveSensor,
+    driver: Driver,
 ) -> frozenset[CaptureKey]:
     """Return the plan's captures that an earlier run took."""
+    increment_ms, share = driver.sensor.exposure.increment_ms, exposure_share(driver)
     planned = {number: key for key, number in numbers.items()}
     there = set()
     for number, key in writer.keys.items():
         wanted = planned.get(number, CaptureKey("", 0.0))
         if wanted.view != key.view or not same_exposure(
-            wanted.exposure_ms, key.exposure_ms, sensor.exposure.increment_ms
+            wanted.exposure_ms, key.exposure_ms, increment_ms, share
         ):
             msg = (
                 f"the campaign in {folder} holds view {key.view!r} at {key.exposure_ms:g} ms as "

@@ -1,7 +1,7 @@
 """One view of a plan, captured at its exposure times: the work of one process."""
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from exposight.cell import (
     Capture,
     Driver,
     Part,
+    exposure_share,
     same_exposure,
     write_numbered_capture,
 )
@@ -51,6 +52,8 @@ class ViewTask:
         The features to observe.
     clouds : bool
         Whether clouds are kept.
+    taken_ms : tuple of float, ms
+        Exposure times, as read back, of the view's captures that are there.
     """
 
     plan: MeasuringPlan
@@ -60,6 +63,21 @@ class ViewTask:
     description: dict[str, Any]
     part: Part
     clouds: bool = True
+    taken_ms: tuple[float, ...] = ()
+
+    def capture(self, exposure_ms: float, before_ms: Collection[float]) -> Capture:
+        """Take a capture that has another exposure time than those before it."""
+        view = self.view
+        capture = take_capture(
+            self.driver, self.plan.sensor, exposure_ms, view.camera_from_part, view=view.name
+        )
+        if capture.exposure_ms in before_ms:
+            msg = (
+                f"the sensor was set to {exposure_ms:g} ms and took {capture.exposure_ms:g} ms, "
+                "which it had taken before; plan with the exposure times that it really has"
+            )
+            raise SensorError(msg)
+        return capture
 
 
 def write_view(folder: Path, record_sha256: str, task: ViewTask) -> tuple[Contradiction, ...]:
@@ -88,9 +106,11 @@ def write_view(folder: Path, record_sha256: str, task: ViewTask) -> tuple[Contra
         check_record(folder, record_sha256)  # before the work, for whom it would be in vain
         _check_driver(task)
     observer = Observer(task.part, task.plan.sensor)
+    before_ms = {*task.taken_ms}
     for number, exposure_ms in task.captures:
         with _naming(task, exposure_ms):
-            capture = _capture(task, exposure_ms)
+            capture = task.capture(exposure_ms, before_ms)
+            before_ms.add(capture.exposure_ms)
             if not task.clouds:
                 table = ObservationTable.from_observations(observer.observe(capture))
                 rows = csv_of(table.frame)
@@ -115,10 +135,12 @@ def observe_view(task: ViewTask) -> ObservationTable:
     with _naming(task):
         _check_driver(task)
     observer = Observer(task.part, task.plan.sensor)
-    rows = []
+    rows, before_ms = [], set[float]()
     for _, exposure_ms in task.captures:
         with _naming(task, exposure_ms):
-            rows += observer.observe(_capture(task, exposure_ms))
+            capture = task.capture(exposure_ms, before_ms)
+            before_ms.add(capture.exposure_ms)
+            rows += observer.observe(capture)
     table = ObservationTable.from_observations(rows)
     return replace(table, contradictions=observer.contradictions)
 
@@ -229,22 +251,15 @@ def take_capture(
     if capture.view != view:
         msg = f"the driver named its capture {capture.view!r}; it must give it the view's name"
         raise InputError(msg)
-    increment_ms = sensor.exposure.increment_ms
-    if not same_exposure(exposure_ms, capture.exposure_ms, increment_ms):
+    increment_ms, share = sensor.exposure.increment_ms, exposure_share(driver)
+    if not same_exposure(exposure_ms, capture.exposure_ms, increment_ms, share):
         msg = (
             f"the sensor was set to {exposure_ms:g} ms and took {capture.exposure_ms:g} ms, more "
-            f"than its increment of {increment_ms:g} ms and 2 % away; plan exposure times that it "
-            "can take, and check whether it ignores the setting"
+            f"than its increment of {increment_ms:g} ms and {100 * share:g} % away; plan exposure "
+            "times that it can take, and check whether it ignores the setting"
         )
         raise SensorError(msg)
     return capture
-
-
-def _capture(task: ViewTask, exposure_ms: float) -> Capture:
-    view = task.view
-    return take_capture(
-        task.driver, task.plan.sensor, exposure_ms, view.camera_from_part, view=view.name
-    )
 
 
 def _check_driver(task: ViewTask) -> None:

@@ -3,4 +3,5 @@
 from exposight.twin.cell_settings import AlignmentErrors, SimulatedCellSettings, draw_alignment
 from exposight.twin.gige_vision import ServedCell
 from exposight.twin.part import Scene, export_scene
+from exposight.twin.served_rc_visard import ServedRcVisard
 from exposight.twin.simulated_cell import SimulatedCell, scene_at, scene_checksum

@@ -17,10 +17,9 @@ from exposight.aravis_library import aravis
 from exposight.cell import ExposureRange, Image
 from exposight.errors import SensorError
 from exposight.files import write_durably
+from exposight.twin.request_server import LOOPBACK
 
 logger = logging.getLogger(__name__)
-
-LOOPBACK = "127.0.0.1"
 
 _PORT = 3956
 """Of GigE Vision's control channel."""

@@ -6,11 +6,8 @@ and robot are commands. The frames are those of `SimulatedCell.frames`, bit for 
 
 from __future__ import annotations
 
-import json
 import logging
 import shlex
-import socketserver
-import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -19,12 +16,12 @@ import numpy as np
 import tomli_w
 
 from exposight.cell import ExposureRange, Image, write_features, write_sensor
-from exposight.errors import ExposightError, InputError, SensorError
+from exposight.errors import InputError, SensorError
 from exposight.files import write_durably
 from exposight.geometry import RigidTransform
 from exposight.imaging import sequence_to_toml
-from exposight.twin import gige_command
-from exposight.twin.gige_camera import LOOPBACK, GigeCamera
+from exposight.twin.gige_camera import GigeCamera
+from exposight.twin.request_server import RequestServer, printed_pose, requested_pose
 from exposight.twin.sensors import StripeSensor
 from exposight.twin.simulated_cell import SimulatedCell, sensor_model
 
@@ -34,11 +31,6 @@ SERIAL = "EXPOSIGHT"
 """Serial number of the served camera."""
 
 CELL_FILE = "cell.toml"
-
-_LONGEST_REQUEST = 10_000
-_WAIT_S = 10.0
-_COMMAND_S = 120.0
-"""Tracing the first view compiles loops, which takes long."""
 
 
 class ServedCell:
@@ -87,9 +79,7 @@ class ServedCell:
             self.frame,
             rounding_us=rounding_us,
         )
-        self._requests = _Requests((LOOPBACK, 0), _Handler)
-        self._requests.answer = self._answer
-        threading.Thread(target=self._requests.serve_forever, daemon=True).start()
+        self._requests = RequestServer(self._folder, self._answer)
         self._write_files()
 
     def frame(self, exposure_ms: float) -> Image:
@@ -138,9 +128,7 @@ class ServedCell:
                 self.show(int(pattern))
                 return ""
             case ["move", str(view), str(matrix)]:
-                numbers = np.array(matrix.split(","), dtype=np.float64)
-                reported = self.move(view, RigidTransform.from_matrix(numbers.reshape(4, 4)))
-                return " ".join(f"{each:.17g}" for each in reported.to_matrix().ravel())
+                return printed_pose(self.move(view, requested_pose(matrix)))
         msg = "expected show PATTERN or move VIEW MATRIX"
         raise InputError(msg)
 
@@ -150,19 +138,16 @@ class ServedCell:
         write_features(folder / "features.csv", cell.part.features)
         text = sequence_to_toml(self._model.sequence)
         write_durably(folder / "sequence.toml", text.encode())
-        port = self._requests.server_address[1]
-        write_durably(folder / "port", str(port).encode())
         write_durably(folder / CELL_FILE, tomli_w.dumps(self._cell_table()).encode())
 
     def _cell_table(self) -> dict[str, Any]:
         limits = self._model.limits
-        command = [sys.executable, "-I", gige_command.__file__, str(self._folder / "port")]
         return {
             "sensor": "sensor.json",
             "part": self._cell.part.name,
             "features": "features.csv",
             "camera": {"id": SERIAL},
-            "projector": {"command": [*command, "show", "{pattern}"], "timeout_s": _COMMAND_S},
+            "projector": self._requests.command("show", "{pattern}"),
             "sequence": {
                 "name": "sequence.toml",
                 "limits": {
@@ -170,11 +155,7 @@ class ServedCell:
                     "max_residual": limits.max_residual,
                 },
             },
-            "move": {
-                "command": [*command, "move", "{view}", "{matrix}"],
-                "timeout_s": _COMMAND_S,
-                "notation": "matrix",
-            },
+            "move": self._requests.move_table,
         }
 
     @property
@@ -190,35 +171,13 @@ class ServedCell:
     def close(self) -> None:
         """End camera, projector and robot."""
         self._camera.close()
-        self._requests.shutdown()
-        self._requests.server_close()
+        self._requests.close()
 
     def __enter__(self) -> ServedCell:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class _Requests(socketserver.ThreadingTCPServer):
-    """Listens for requests of the commands, on loopback."""
-
-    daemon_threads = True
-    answer: Any
-
-
-class _Handler(socketserver.StreamRequestHandler):
-    """Answers one request, a line of JSON."""
-
-    timeout = _WAIT_S
-
-    def handle(self) -> None:
-        try:
-            request = json.loads(self.rfile.readline(_LONGEST_REQUEST))
-            answer = {"said": self.server.answer(request)}  # type: ignore[attr-defined]
-        except (ExposightError, ValueError, OSError) as error:
-            answer = {"error": str(error)}
-        self.wfile.write(json.dumps(answer).encode() + b"\n")
 
 
 def _in_microseconds(exposure: ExposureRange) -> ExposureRange:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from exposight.cell import ActiveSensor, Capture, Part
+from exposight.cell import ActiveSensor, Capture, Image, Part
 from exposight.errors import InputError, SensorError, did_you_mean
 from exposight.geometry import RigidTransform
 from exposight.imaging import FrameStack
@@ -236,6 +236,30 @@ class SimulatedCell:
             raise SensorError(msg)
         light: Any = self._light_of(camera_from_part, self.reported_pose(camera_from_part, view))
         return model.recording(light, exposure_ms, self._noise_seed(view, exposure_ms))
+
+    def stereo_images(
+        self, exposure_ms: float, camera_from_part: RigidTransform, *, view: str
+    ) -> tuple[Image, Image]:
+        """Take the two images from which `capture` computes its cloud, and nothing else.
+
+        Parameters
+        ----------
+        exposure_ms, camera_from_part, view
+            As for `capture`.
+
+        Raises
+        ------
+        SensorError
+            If the sensor has not two cameras, or cannot take this exposure time.
+        InputError
+            If the view sees nothing of the scene.
+        """
+        model = self._model
+        if not isinstance(model, sensors.DotSensor):
+            msg = f"sensor {self.sensor.name!r} has one camera; a pair of images takes two"
+            raise SensorError(msg)
+        light: Any = self._light_of(camera_from_part, self.reported_pose(camera_from_part, view))
+        return model.images(light, exposure_ms, self._noise_seed(view, exposure_ms))
 
     def _noise_seed(self, view: str, exposure_ms: float) -> tuple[int, ...]:
         return (*view_seed(self.seed, view), round(1000 * exposure_ms))

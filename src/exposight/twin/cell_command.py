@@ -1,7 +1,7 @@
 """The projector and the robot of a served cell, as commands: run as a script, it imports nothing.
 
-    python gige_command.py FILE show PATTERN
-    python gige_command.py FILE move VIEW MATRIX
+    python cell_command.py FILE show PATTERN
+    python cell_command.py FILE move VIEW MATRIX
 
 FILE holds the port at which the cell listens on loopback. What the cell answers is printed.
 """
