@@ -21,7 +21,7 @@ from exposight.cli.observe import visibility_table
 from exposight.cli.result import Fact, Result, Written, fact
 from exposight.cli.terminal import progress_bars
 from exposight.contradictions import Contradiction
-from exposight.drivers import GenicamDriver, RcVisardDriver, ReplayDriver
+from exposight.drivers import DEVICES, ReplayDriver
 from exposight.errors import InputError, did_you_mean
 from exposight.plans import (
     PLAN_SUFFIXES,
@@ -63,12 +63,6 @@ class RunOptions(ClusterOptions):
 
 
 DEFAULTS = RunOptions()
-
-_DEVICES: Mapping[str, type[GenicamDriver] | type[RcVisardDriver]] = {
-    "genicam": GenicamDriver,
-    "rc_visard": RcVisardDriver,
-}
-"""Drivers of a cell's file."""
 
 
 def measure_command(
@@ -155,12 +149,12 @@ def _device_driver(
     if recording is not None:
         share = ROUNDED_SHARE if within is None else within / 100
         return ReplayDriver(recording, within=share), loop
-    if kind not in _DEVICES:
+    if kind not in DEVICES:
         return None, loop
     if loop.cell is None:
         msg = f"--driver {kind} needs --cell, the file that names devices and commands"
         raise UsageError(msg)
-    device = _DEVICES[kind].of_file(loop.cell)
+    device = DEVICES[kind].of_file(loop.cell)
     if device.part is None:
         msg = f'{loop.cell}: name the part\'s list of features: features = "features.csv"'
         raise InputError(msg)

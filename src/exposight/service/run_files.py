@@ -76,7 +76,7 @@ class CellDriver(BaseModel):
 
     model_config = _STRICT
 
-    kind: Literal["genicam"]
+    kind: Literal["genicam", "rc_visard"]
     cell: Name = Field(description="Name of the cell's file (.toml) in the served folder.")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from exposight.cell import PRESETS, Driver
-from exposight.drivers import GenicamDriver, ReplayDriver
+from exposight.drivers import DEVICES, ReplayDriver
 from exposight.errors import InputError, SensorError
 from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 from exposight.plans import PLAN_SUFFIXES, MeasuringPlan, read_plan
@@ -95,7 +95,7 @@ def driver_of(
         case RecordedDriver() as wanted:
             return ReplayDriver(folder.inside(wanted.recording))
         case CellDriver() as wanted:
-            return GenicamDriver.of_file(folder.inside(wanted.cell))
+            return DEVICES[wanted.kind].of_file(folder.inside(wanted.cell))
         case SimulatedDriver() as wanted:
             return _simulated_cell(request, wanted, folder, plan, models)
 

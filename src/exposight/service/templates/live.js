@@ -646,7 +646,7 @@ dark.addEventListener("change", () => { if (view.scene) drawPart(); });
 new ResizeObserver(() => drawCurve()).observe($("curve"));
 
 const form = $("start").querySelector("form");
-function kinds() { for (const each of form.querySelectorAll("[data-for]")) each.hidden = each.dataset.for !== form.elements.kind.value; }
+function kinds() { for (const each of form.querySelectorAll("[data-for]")) each.hidden = !each.dataset.for.split(" ").includes(form.elements.kind.value); }
 form.elements.kind.addEventListener("change", kinds);
 form.querySelector("[value=cancel]").addEventListener("click", () => $("start").close());
 $("new").addEventListener("click", async () => {
@@ -669,7 +669,7 @@ $("new").addEventListener("click", async () => {
 form.addEventListener("submit", async (event) => {
   event.preventDefault();
   const { name, plan, models, kind, recording, cell, lamp, rings, clouds } = form.elements;
-  const driver = { kind: kind.value, ...{ replay: { recording: recording.value }, genicam: { cell: cell.value }, simulated: { rings_only: rings.checked } }[kind.value] };
+  const driver = { kind: kind.value, ...({ replay: { recording: recording.value }, simulated: { rings_only: rings.checked } }[kind.value] || { cell: cell.value }) };
   if (driver.kind === "simulated" && lamp.value) driver.lamp_power = Number(lamp.value);
   const closed = plan.value.toLowerCase().endsWith(".json");
   try {
