@@ -15,6 +15,7 @@ import pytest
 from exposight import planning, plans
 from exposight.cell import CampaignFolder, closing_driver, read_sensor, write_sensor
 from exposight.drivers import RcVisardDriver, read_cell
+from exposight.drivers.rc_visard_device import RcVisard
 from exposight.drivers.rc_visard_images import read_image_set
 from exposight.drivers.rc_visard_rest import RcVisardSettings, RestApi
 from exposight.errors import ContradictionError, FormatError, InputError, SensorError
@@ -100,6 +101,19 @@ def test_settings_are_restored(served, driver):
     driver.close()
     assert values(served) == before == {"exp_control": "Auto", "exp_value": 0.005}
     assert served.device.value("rc_iocontrol", "out1_mode") == "Low"
+
+
+def test_older_firmware_is_set_by_its_own_names(served):
+    nodes = served.device.nodes
+    older = {name: entry for name, entry in nodes["rc_camera"].items() if name != "exp_control"}
+    del nodes["rc_camera"]
+    nodes["rc_stereocamera"] = older
+    settings = read_cell(served.cell_file).file.rc_visard
+    device = RcVisard(settings)
+    assert device.set_exposure(8.0, 0.001) == 8.0
+    assert (older["exp_auto"]["value"], older["exp_value"]["value"]) == (False, 0.008)
+    device.close()
+    assert (older["exp_auto"]["value"], older["exp_value"]["value"]) == (True, 0.005)
 
 
 def test_settings_are_restored_after_an_error(served, driver, wrong):

@@ -122,7 +122,7 @@ def test_views_are_merged_afterwards(plan, exposure_plan, replay, tmp_path, run_
     [
         ((), 2, "give --models, which correct the plan, or --open-loop"),
         (("--open-loop", "--models", "x"), 2, "or --open-loop to take it as it is"),
-        (("--open-loop", "--lamp", 0.5), 2, "are of the simulated cell, not of a replay"),
+        (("--open-loop", "--lamp", 0.5), 2, "are of the simulated cell, not of others"),
         (("--open-loop", "--observe"), 2, "leave out --observe, --workers and --cluster"),
         (("--open-loop", "--workers", 2), 2, "leave out --observe, --workers and --cluster"),
         (("--open-loop", "--merge", "m", "--no-clouds"), 2, "leave out --no-clouds"),

@@ -124,8 +124,9 @@ class RcVisard:
                 f"{exposure_ms:g} ms was asked for; plan inside its range"
             )
             raise SensorError(msg)
-        manual = {k: v for k, v in _MANUAL.items() if k in self._parameters}
-        wanted = {**dict(list(manual.items())[:1]), "exp_value": clamped_ms / 1000.0}
+        control = next((name for name in _MANUAL if name in self._parameters), None)
+        manual = {} if control is None else {control: _MANUAL[control]}
+        wanted = {**manual, "exp_value": clamped_ms / 1000.0}
         self._parameters = self._set(self._camera, wanted)
         taken_ms = milliseconds(_number(self._parameters["exp_value"].get("value"), "exp_value"))
         if not same_exposure(exposure_ms, taken_ms, increment_ms):
