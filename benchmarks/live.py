@@ -56,6 +56,7 @@ def page_figures() -> list[Figure]:
         found = live_page.measure_page(f"{address}/#run={_finished_run(address)}")
     return [
         at_most("page_load_s", found["page_load_s"], 1.5, "s"),
+        Figure(name="part_turnable_s", value=found["part_turnable_s"], unit="s"),
         at_most("page_bytes_mb", found["page_bytes_mb"], 6.0, "MB"),
     ]
 

@@ -2,6 +2,7 @@
 
 import base64
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -56,7 +57,10 @@ def test_a_ring_has_the_colour_of_its_quality(view):
 
 def test_a_picture_is_small_enough_for_a_page(view):
     marked = cv2.resize(marked_picture(view.captures[1]), None, fx=40, fy=40)
-    views = [replace(own, rows=40 * own.rows, columns=40 * own.columns) for own in view.views]
+    views = [
+        SimpleNamespace(feature=each.feature, rows=40 * each.rows, columns=40 * each.columns)
+        for each in view.views
+    ]
     assert ringed_picture(marked, views, view.p_norm[:, 1]).shape[1] == 1000
 
 

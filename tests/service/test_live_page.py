@@ -83,9 +83,12 @@ def folder(tmp_path_factory, sheet_plan, scene):
     write_exposure_plan(folder / "plan.json", plan)
     measure_adaptively(plan, PlateDriver(light=0.1), folder / "recorded", models=None)
     shutil.copytree(scene, folder / "scene")
-    plane = replace(sheet_plan.planes[0], exposures_ms=(30.0, 90.0, 330.0))
     simulated = {**sheet_plan.simulated, "scene": "scene", "rings_only": True}
-    write_plan(folder / "sheet.toml", replace(sheet_plan, planes=(plane,), simulated=simulated))
+    for name, exposures_ms in (("sheet", (30.0, 90.0, 330.0)), ("long", range(30, 330, 10))):
+        times_ms = tuple(map(float, exposures_ms))
+        plane = replace(sheet_plan.planes[0], exposures_ms=times_ms)
+        plan = replace(sheet_plan, planes=(plane,), simulated=simulated)
+        write_plan(folder / f"{name}.toml", plan)
     return folder
 
 
@@ -254,7 +257,7 @@ def test_what_happens_while_the_server_is_away_is_caught_up(folder, tmp_path, vi
     served = shutil.copytree(folder, tmp_path / "served", ignore=shutil.ignore_patterns("runs"))
     with serving(served, tmp_path / "log") as server:
         page = visit(server.url, expected=("ERR_CONNECTION", "ERR_EMPTY_RESPONSE", "ERR_NETWORK"))
-        begin(page, "cut", "sheet.toml")
+        begin(page, "cut", "long.toml")
         page.wait_for_selector("#views button")
         server.kill()
         page.wait_for_selector("#banner:visible")
@@ -315,7 +318,7 @@ def test_assets_are_kept_for_ever_and_compressed(server):
     page = httpx.get(server.url)
     assert "default-src 'self'" in page.headers["content-security-policy"]
     assert page.headers["cache-control"] == "no-cache"
-    name = page.text.split('src="assets/plotly-')[1].split('"')[0]
+    name = page.text.split('href="assets/plotly-')[1].split('"')[0]
     for accepted, encoding in (("gzip", "gzip"), ("identity", None)):
         answer = httpx.get(
             f"{server.url}/assets/plotly-{name}", headers={"Accept-Encoding": accepted}

@@ -464,14 +464,15 @@ function hover(event, curve, hair, x) {
 // -- the part in 3D --------------------------------------------------------------------------
 const CORNERS = 24;
 let plotly = null, plotting = false, pending = false;
-/** Wait for plotly.js, which loads while everything else is drawn; load it again where it failed. */
-function loadPlotly() {
+/** Run plotly.js, which takes a second, when all else is drawn or has had the time; try again where it failed. */
+async function loadPlotly() {
+  const others = ["image", "curve", "progress", "log"], late = performance.now() + 1000;
+  while (!window.Plotly && performance.now() < late && !others.every((name) => document.body.dataset[name])) await new Promise((done) => setTimeout(done, 20));
   plotly ??= new Promise((done, failed) => {
-    let script = $("plotly");
-    if (window.Plotly) { done(); return; }
-    if (script.dataset.failed) { script.replaceWith(make("script", { src: script.src, id: "plotly" })); script = $("plotly"); }
+    const script = make("script", { src: $("plotly").href });
     script.onload = () => done();
-    script.onerror = () => { script.dataset.failed = "yes"; plotly = null; failed(new Error("plotly.js could not be loaded")); };
+    script.onerror = () => { script.remove(); plotly = null; failed(new Error("plotly.js could not be loaded")); };
+    document.head.append(script);
   });
   return plotly;
 }
@@ -480,24 +481,52 @@ async function drawPart() {
   const features = view.scene.features.filter((each) => each.position_mm);
   if (!features.length) { $("no-part").hidden = false; return; }
   $("no-part").hidden = true;
+  const [data, layout] = figure(features);
+  if (!$("part").dataset.drawn) { drawStill(data, layout.scene); mark("part"); }
   plotting = true;
   try {
     await loadPlotly();
     await new Promise((done) => { if (document.hidden) done(); else requestAnimationFrame(() => setTimeout(done)); });
-    const [data, layout] = figure(features);
     await Plotly.react($("part"), data, layout, { displayModeBar: false, responsive: true, plotGlPixelRatio: 1, scrollZoom: false });
     if (!$("part").dataset.drawn) {
       $("part").dataset.drawn = "yes";
       $("part").on("plotly_click", ({ points: [point] }) => pick(point.customdata));
     }
     await new Promise((done) => { if (document.hidden) done(); else requestAnimationFrame(done); });
-    mark("part");
+    $("still").hidden = true;
+    mark("turnable");
   } catch (fault) {
-    setText($("no-part"), `No 3D here: ${fault.message}. The table has the same values.`);
+    setText($("no-part"), `The part cannot be turned here: ${fault.message}.`);
     $("no-part").hidden = false;
   }
   plotting = false;
   if (pending) { pending = false; drawPart(); }
+}
+/** Draw the part as plotly.js will, far triangles first: while that loads, and where there is no WebGL. */
+function drawStill(data, { camera, aspectratio, ...axes }) {
+  const canvas = $("still"), { clientWidth: w, clientHeight: h } = $("part"), sharp = window.devicePixelRatio || 1;
+  const pen = canvas.getContext("2d"), focal = h / 2 / Math.tan(Math.PI / 8); // plotly.js' 45° from bottom to top
+  const eye = ["x", "y", "z"].map((axis) => camera.eye[axis]), ahead = unit(eye.map((each) => -each)), right = unit(cross(ahead, [0, 0, 1])), up = cross(right, ahead);
+  const scaled = ["x", "y", "z"].map((axis, d) => { const [low, high] = axes[`${axis}axis`].range; return (value) => ((value - low) / (high - low) - 0.5) * aspectratio[axis] - eye[d]; });
+  const dot = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2], triangles = [];
+  for (const { x, y, z, i, j, k, intensity, colorscale, vertexcolor } of data) {
+    const ends = colorscale && colorscale.map(([, each]) => rgb(each));
+    const seen = x.map((_, n) => { const at = [x[n], y[n], z[n]].map((value, d) => scaled[d](value)), depth = dot(at, ahead); return [w / 2 + (focal * dot(at, right)) / depth, h / 2 - (focal * dot(at, up)) / depth, depth]; });
+    i.forEach((first, n) => {
+      const corners = [first, j[n], k[n]], shade = ends && corners.reduce((sum, each) => sum + intensity[each], 0) / 3;
+      const colour = ends ? ends[0].map((low, d) => low + shade * (ends[1][d] - low)) : vertexcolor[first];
+      triangles.push([corners.map((each) => seen[each]), `rgb(${colour.map(Math.round).join()})`]);
+    });
+  }
+  [canvas.width, canvas.height] = [w * sharp, h * sharp];
+  pen.scale(sharp, sharp);
+  const depth = ([corners]) => corners[0][2] + corners[1][2] + corners[2][2];
+  for (const [[a, b, c], colour] of triangles.sort((p, q) => depth(q) - depth(p))) {
+    pen.fillStyle = pen.strokeStyle = colour;
+    pen.lineWidth = 0.7; // over the seams
+    pen.beginPath(); pen.moveTo(a[0], a[1]); pen.lineTo(b[0], b[1]); pen.lineTo(c[0], c[1]); pen.closePath(); pen.fill(); pen.stroke();
+  }
+  canvas.hidden = false;
 }
 /** Right, away and up of the picture in the part's frame: as the first view sees it, but upright. */
 function directions(features, views) {
@@ -689,4 +718,3 @@ function begin() {
 const bar = SCALE.map((each, i) => `${each} ${(100 * i) / (SCALE.length - 1)}%`).join(",");
 $("scale").style.background = `linear-gradient(90deg, ${bar})`;
 begin();
-loadPlotly().catch(() => {});
