@@ -245,7 +245,7 @@ def test_the_keyboard_is_enough(server, plate_run, visit):
     page.wait_for_selector("#curve svg[aria-label^='d2']")
     page.reload()
     page.wait_for_selector("tr[aria-selected=true] >> text=d2")
-    assert "2 of 4 features had" in page.text_content("#said")
+    page.wait_for_selector("#said:has-text('2 of 4 features had')", state="attached")
     page.focus("#new")
     page.keyboard.press("Enter")
     page.wait_for_selector("#start[open]")
