@@ -84,7 +84,7 @@ def folder(tmp_path_factory, sheet_plan, scene):
     measure_adaptively(plan, PlateDriver(light=0.1), folder / "recorded", models=None)
     shutil.copytree(scene, folder / "scene")
     simulated = {**sheet_plan.simulated, "scene": "scene", "rings_only": True}
-    for name, exposures_ms in (("sheet", (30.0, 90.0, 330.0)), ("long", range(30, 330, 10))):
+    for name, exposures_ms in (("sheet", (30.0, 90.0, 330.0)), ("long", range(30, 330, 25))):
         times_ms = tuple(map(float, exposures_ms))
         plane = replace(sheet_plan.planes[0], exposures_ms=times_ms)
         plan = replace(sheet_plan, planes=(plane,), simulated=simulated)

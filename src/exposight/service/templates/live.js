@@ -185,6 +185,7 @@ async function refresh() {
   const mine = view.run;
   try {
     const early = view.feature ? loadCurve() : null;
+    if (early) early.catch(() => {}); // the scene's own fault is told
     const scene = await ask(ofRun("scene"));
     if (mine === view.run) {
       view.scene = scene;
