@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from tests.drivers.fake_aravis import LIBRARY, BufferStatus, FakeCamera, FakeError
 
@@ -84,6 +86,22 @@ def test_chunk_data_tell_from_when_on_an_exposure_holds(opened):
     camera.set_exposure(40.0)
     with pytest.raises(SensorError, match="set to 40 ms, but its frames say 20 ms"):
         camera.frame()
+
+
+def test_chunk_data_without_the_exposure_time_leave_the_first_frame_in_doubt(opened):
+    fake = FakeCamera(chunks=True)
+
+    def parser():
+        def refuse(_buffer, name):
+            raise FakeError(f"no chunk {name}")
+
+        return SimpleNamespace(get_float_value=refuse)
+
+    fake.create_chunk_parser = parser
+    camera, _ = opened(fake)
+    camera.set_exposure(20.0)
+    assert camera.frame().image.max() == 20
+    assert fake.taken == 2
 
 
 def test_incomplete_frames_are_taken_again_a_few_times(opened):

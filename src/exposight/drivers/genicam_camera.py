@@ -263,9 +263,13 @@ class GenicamCamera:
 
     def _frame_of_exposure(self) -> Frame:
         taken_us: float | None = None
-        for _ in range(_CHUNK_FRAMES):
+        for before in range(_CHUNK_FRAMES):
             frame, taken_us = self._grab()
-            if taken_us is None or abs(taken_us - self._exposure_us) <= _USUAL_INCREMENT_US:
+            if taken_us is None:
+                right = before > 0 or not self._fresh
+            else:
+                right = abs(taken_us - self._exposure_us) <= _USUAL_INCREMENT_US
+            if right:
                 return frame
         msg = (
             f"camera {self.settings.id!r} was set to {self._exposure_us / _US_PER_MS:g} ms, but "
