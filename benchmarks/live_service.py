@@ -53,7 +53,7 @@ def served_folder(folder: Path) -> Path:
         models = train(campaign.observe(), sensor=campaign.sensor)
         models.save(folder / "models")
         poses = {each.view: each.camera_from_part for each in campaign.descriptions()}
-        views = dict(list(poses.items())[::4])
+        views = dict(list(poses.items())[::5])
         planned = plan(models, campaign.part, views, sensor=campaign.sensor, time_limit_s=10.0)
         write_exposure_plan(folder / "plan.json", planned)
     return folder

@@ -99,6 +99,7 @@ def serve_command(
     settings = ServerSettings(
         folder=folder.resolve(), host=host, port=port, workers=workers, token=token, limits=limits
     )
+    console().print("loading models, compiling where this was not done before …")
     serve(settings, lambda address: console().print(f"serving {folder} at {address}"))
     return Result(title="the server has ended")
 
