@@ -65,6 +65,17 @@ def test_fanuc_numbers_move_there():
     assert np.allclose(mover.move_to(POSE, "v").to_matrix(), POSE.to_matrix(), atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "printed",
+    [RigidTransform(), POSE.inverse(), RigidTransform.from_fanuc_wpr((0, 0, 60), 0, 0, 0)],
+)
+def test_a_pose_far_from_the_one_asked_for_is_another_frame_s(printed):
+    numbers = ",".join(map(repr, printed.to_matrix().ravel().tolist()))
+    mover = Mover(MoveCommand(command=python(f"print('{numbers}')"), notation="matrix"))
+    with pytest.raises(SensorError, match="from the one asked for.*not the robot's own pose"):
+        mover.move_to(POSE, "v")
+
+
 def test_without_a_printed_pose_it_is_taken_as_asked():
     assert Mover(MoveCommand(command=python("pass"))).move_to(POSE, "v") is POSE
     mover = Mover(None)
@@ -117,6 +128,9 @@ def test_a_rig_is_read_with_what_it_names(cell_file):
         ("{pattern}", "{patern}", r"unknown placeholder \{patern\}"),
         ('[sequence]\nname = "board"', "", "go together"),
         ('command = ["show", "{pattern}"]', "command = []", "needs a program"),
+        ('command = ["show", "{pattern}"]', 'command = ["show", "0"]', "has no {pattern}"),
+        ("[projector]", "[stereo]\nmin_texture = 9\n[projector]", "is of two cameras"),
+        ("[projector]", '[rc_visard]\nhost = "a"\n[projector]', "in place of"),
         ('id = "7"', 'id = "7"\ntimeout_s = -1', "timeout_s above 0"),
     ],
 )

@@ -34,7 +34,7 @@ class ProjectorCommand(CellCommand):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_placeholders(("pattern",), "[projector]")
+        self.check_placeholders(("pattern",), "[projector]", needed="pattern")
 
     def show(self, pattern: int) -> None:
         """Show a pattern.
@@ -108,6 +108,12 @@ class CellFile:
     def __post_init__(self) -> None:
         if (self.projector is None) != (self.sequence is None):
             msg = "[projector] and [sequence] go together: a command that shows which patterns"
+            raise InputError(msg)
+        if self.rc_visard is not None and self.camera is not None:
+            msg = "[rc_visard] stands in place of [camera]: leave out one of them"
+            raise InputError(msg)
+        if self.stereo != StereoLimits() and self.second_camera is None:
+            msg = "[stereo] is of two cameras: give [second_camera], or leave it out"
             raise InputError(msg)
         if self.features is not None and not self.part.strip():
             msg = 'features need the name of their part: part = "door"'

@@ -43,19 +43,24 @@ class CellCommand:
             msg = f"a command's timeout_s must be above 0 s, got {self.timeout_s:g}"
             raise InputError(msg)
 
-    def check_placeholders(self, allowed: Sequence[str], what: str) -> None:
-        """Check that only known placeholders are used.
+    def check_placeholders(
+        self, allowed: Sequence[str], what: str, needed: str | None = None
+    ) -> None:
+        """Check that only known placeholders are used, and one that is needed.
 
         Raises
         ------
         InputError
-            If another one is.
+            If another one is, or that one is not.
         """
         used = [name for part in self.command for name in _PLACEHOLDER.findall(part)]
         unknown = [name for name in used if name not in allowed]
         if unknown:
             known = ", ".join(f"{{{name}}}" for name in allowed)
             msg = f"{what}: unknown placeholder {{{unknown[0]}}} in its command; there are {known}"
+            raise InputError(msg)
+        if needed is not None and needed not in used:
+            msg = f"{what}: its command has no {{{needed}}}, so it would do the same each time"
             raise InputError(msg)
 
     def run(self, what: str, values: Mapping[str, str]) -> str:

@@ -6,6 +6,7 @@ Everything that talks to the device is here; GenICam counts in µs, the callers 
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -16,6 +17,8 @@ from exposight.aravis_library import aravis, aravis_error
 from exposight.cell import ExposureRange, Image, same_exposure
 from exposight.drivers.camera_control import open_camera
 from exposight.errors import InputError, SensorError
+
+logger = logging.getLogger(__name__)
 
 _US_PER_MS = 1000.0
 
@@ -34,6 +37,10 @@ _FINEST_US = 1e-6
 """Increments below it are a library's way to say that there is none."""
 
 _USUAL_INCREMENT_US = 1.0
+
+_BIT_DEPTHS = (8, 10, 12, 14, 16)
+_PIXEL_FORMATS = tuple(f"Mono{depth}" for depth in _BIT_DEPTHS)
+"""What frames are read of: grey, without packing."""
 
 _CHUNK_FRAMES = 5
 """Frames within which a new exposure time must show in their chunk data."""
@@ -75,6 +82,9 @@ class CameraSettings:
                 "a camera needs its id, a timeout_s above 0 and tries from 1 up, got "
                 f"{self.id!r}, {self.timeout_s:g} and {self.tries}"
             )
+            raise InputError(msg)
+        if self.pixel_format not in {None, *_PIXEL_FORMATS}:
+            msg = f"pixel_format is one of {', '.join(_PIXEL_FORMATS)}, got {self.pixel_format!r}"
             raise InputError(msg)
 
 
@@ -162,8 +172,12 @@ class GenicamCamera:
             before = self._optional(lambda name=name: self._camera.get_string(name))  # type: ignore[misc]
             if before is None or before == value:
                 continue
+            try:
+                self._camera.set_string(name, value)
+            except self._error as error:
+                msg = f"camera {self.settings.id!r} does not take {name} = {value!r}: {error}"
+                raise SensorError(msg) from error
             self._restored[name] = before
-            self._camera.set_string(name, value)
 
     def _chunk_parser(self) -> Any:
         """Have frames carry their exposure time, where the camera can."""
@@ -330,8 +344,7 @@ class GenicamCamera:
 
     def _bit_depth(self, pixel_format: int) -> int:
         depths = {
-            getattr(self._library, f"PIXEL_FORMAT_MONO_{depth}"): depth
-            for depth in (8, 10, 12, 14, 16)
+            getattr(self._library, f"PIXEL_FORMAT_MONO_{depth}"): depth for depth in _BIT_DEPTHS
         }
         if pixel_format not in depths:
             msg = (
@@ -371,11 +384,14 @@ class GenicamCamera:
         if camera is None:
             return
         self._stream = None
-        if not self._lost:
-            for name, value in self._restored.items():
-                if not self._restore(camera, name, value):
-                    break  # it does not answer any more; each try would wait for its timeout
-        self._restored = {}
+        left, self._restored = self._restored, {}
+        while left and not self._lost:
+            name = next(iter(left))
+            if not self._restore(camera, name, left[name]):
+                break  # it does not answer any more; each try would wait for its timeout
+            del left[name]
+        if left:
+            logger.warning("settings were not restored, set %s by hand", left)
 
     def _restore(self, camera: Any, name: str, value: Any) -> bool:
         setters = {bool: camera.set_boolean, float: camera.set_float, str: camera.set_string}

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from exposight.drivers.commands import CellCommand
 from exposight.errors import PoseError, SensorError
-from exposight.geometry import RigidTransform
+from exposight.geometry import PoseNotation, RigidTransform
 from exposight.geometry.robot_poses.pose_files import parse_pose
 
 logger = logging.getLogger(__name__)
+
+_NEAR_MM, _NEAR_DEG = 50.0, 5.0
+"""A pose reached is no farther away; the paper notes errors of up to 5 mm (end of Sect. 3.2.2)."""
 
 _PLACEHOLDERS = ("matrix", "fanuc", "view")
 
@@ -28,7 +34,7 @@ class MoveCommand(CellCommand):
         How the pose that it prints is written (`PoseNotation`), where the text does not tell.
     """
 
-    notation: str | None = None
+    notation: PoseNotation | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,10 +85,33 @@ class Mover:
             logger.info("view %r: the move printed no pose, so it is taken as asked for", view)
             return camera_from_part
         try:
-            return parse_pose(self._command.notation, printed, f"the pose printed at view {view!r}")
+            reached = parse_pose(
+                self._command.notation, printed, f"the pose printed at view {view!r}"
+            )
         except PoseError as error:
             msg = f"{error}; the [move] command prints the pose reached, or nothing"
             raise SensorError(msg) from error
+        _check_near(camera_from_part, reached, view)
+        return reached
+
+
+def _check_near(asked: RigidTransform, reached: RigidTransform, view: str) -> None:
+    """Check that a pose reached is the one asked for, as far as robots err."""
+    away_mm = float(np.linalg.norm(asked.translation_mm - reached.translation_mm))
+    cosine = (np.trace(asked.rotation.T @ reached.rotation) - 1.0) / 2.0
+    away_deg = math.degrees(math.acos(min(max(float(cosine), -1.0), 1.0)))
+    if away_mm <= _NEAR_MM and away_deg <= _NEAR_DEG:
+        return
+    msg = (
+        f"view {view!r}: the [move] command reports a pose {away_mm:.0f} mm and {away_deg:.0f}° "
+        f"from the one asked for (x,y,z,w,p,r: asked {_shown(asked)}, reported {_shown(reached)}); "
+        "it prints camera_from_part, not the robot's own pose or its inverse"
+    )
+    raise SensorError(msg)
+
+
+def _shown(pose: RigidTransform) -> str:
+    return ",".join(f"{each:.6g}" for each in (*pose.translation_mm, *pose.to_fanuc_wpr()))
 
 
 def _joined(numbers: list[float]) -> str:

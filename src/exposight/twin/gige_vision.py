@@ -32,6 +32,9 @@ SERIAL = "EXPOSIGHT"
 
 CELL_FILE = "cell.toml"
 
+_FRAME_S = 30.0
+"""A frame is simulated within this time, on a busy machine too."""
+
 
 class ServedCell:
     """A simulated cell whose devices answer on loopback until it is closed.
@@ -146,7 +149,7 @@ class ServedCell:
             "sensor": "sensor.json",
             "part": self._cell.part.name,
             "features": "features.csv",
-            "camera": {"id": SERIAL},
+            "camera": {"id": SERIAL, "timeout_s": _FRAME_S},
             "projector": self._requests.command("show", "{pattern}"),
             "sequence": {
                 "name": "sequence.toml",
