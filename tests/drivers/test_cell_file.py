@@ -72,7 +72,7 @@ def test_fanuc_numbers_move_there():
 def test_a_pose_far_from_the_one_asked_for_is_another_frame_s(printed):
     numbers = ",".join(map(repr, printed.to_matrix().ravel().tolist()))
     mover = Mover(MoveCommand(command=python(f"print('{numbers}')"), notation="matrix"))
-    with pytest.raises(SensorError, match="from the one asked for.*not the robot's own pose"):
+    with pytest.raises(SensorError, match=r"from the one asked for.*not the robot's own pose"):
         mover.move_to(POSE, "v")
 
 
