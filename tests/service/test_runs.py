@@ -26,6 +26,7 @@ from exposight.errors import (
 from exposight.geometry import RigidTransform
 from exposight.measuring import measure, measure_adaptively
 from exposight.planning import write_exposure_plan
+from exposight.plans import read_plan, write_plan
 from exposight.service.faults import RequestError
 from exposight.service.folder import ServedFolder
 from exposight.service.run_files import (
@@ -206,8 +207,19 @@ def test_a_recording_without_the_plans_views_is_refused(runs, served):
     assert not (served / "runs" / "one").exists()
 
 
+def test_an_unknown_finish_is_refused(runs, served, sheet_run):
+    plan = read_plan(served / "sheet.toml")
+    simulated = {key: value for key, value in plan.simulated.items() if key != "scene"}
+    write_plan(served / "sheet.toml", replace(plan, simulated=simulated))
+    driver = {"kind": "simulated", "finish": "nope"}
+    with pytest.raises(InputError, match="finish 'nope' is not known"):
+        runs.start(RunRequest(**{**sheet_run, "driver": driver}))
+    assert not (served / "runs" / "sheet").exists()
+
+
 def test_models_of_another_sensor_are_refused(runs, served, original):
     shutil.copytree(original / "models", served / "models")
+    write_exposure_plan(served / "plan.json", replace(plate_exposure_plan(), sensor="another"))
     with pytest.raises(SensorError, match="the models are of sensor 'small'"):
         started(runs, models="models")
 
@@ -437,7 +449,6 @@ def test_measure_and_a_run_may_not_write_the_same_campaign(runs, served, sheet_r
     while not (served / "runs/sheet/campaign/campaign.json").exists():
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    from exposight.plans import read_plan
     from exposight.twin import SimulatedCell
 
     plan = read_plan(served / "sheet.toml")
