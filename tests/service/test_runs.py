@@ -179,11 +179,6 @@ def test_a_run_ends_with_the_server_that_began_it(runs, served, sheet_run):
         ({"driver": {"kind": "replay", "recording": "nothing"}}, MissingFileError, "nothing"),
         ({"driver": {"kind": "replay", "recording": "sheet-expected"}}, SensorError, "sensor"),
         ({"driver": {"kind": "genicam", "cell": "bad.toml"}}, FormatError, "sensor"),
-        (
-            {"driver": {"kind": "simulated", "finish": "nope"}, "plan": "sheet.toml"},
-            InputError,
-            "nope",
-        ),
     ],
 )
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
