@@ -164,6 +164,22 @@ def test_requests_that_cannot_be_are_refused(client, served, changes, status):
     assert client.get("/v1/runs").json() == {"runs": []}
 
 
+@pytest.mark.parametrize(
+    ("media_type", "body", "status"),
+    [
+        ("text/plain", b"{}", 415),
+        ("application/json", b"[" * 100_000, 422),
+        ("application/json", b'{"name": "a", "name": "b"}', 422),
+    ],
+)
+def test_bodies_are_read_strictly(client, media_type, body, status):
+    answer = client.post("/v1/runs", content=body, headers={"Content-Type": media_type})
+    assert answer.status_code == status
+    assert "b'" not in answer.text
+    assert "missing" not in answer.text  # it is the body's form that is refused
+    assert client.post("/v1/runs/none/stop").status_code == 404  # needs no body
+
+
 @pytest.mark.parametrize("path", ["", "/events", "/stream", "/report"])
 def test_unknown_runs_are_not_found(client, path):
     for name in ("none", "..%2f..", "%00", "ä" * 200, "x" * 300):

@@ -10,17 +10,34 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.measuring.conftest import PlateDriver, plate_exposure_plan
 from tests.service.run_cases import ENDED, await_state, captured, request_of
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FileError, MissingFileError
+from exposight.errors import (
+    FileError,
+    FormatError,
+    InputError,
+    MissingFileError,
+    SensorError,
+)
+from exposight.geometry import RigidTransform
 from exposight.measuring import measure, measure_adaptively
 from exposight.planning import write_exposure_plan
+from exposight.plans import read_plan, write_plan
 from exposight.service.faults import RequestError
 from exposight.service.folder import ServedFolder
-from exposight.service.run_files import EventLog, RunFolder, RunRequest, events_after, events_from
+from exposight.service.run_files import (
+    EventLog,
+    RunFolder,
+    RunRequest,
+    events_after,
+    events_from,
+    first_state,
+    now,
+)
 from exposight.service.run_process import RunProcess
 from exposight.service.runs import Runs
 
@@ -160,14 +177,154 @@ def test_a_run_ends_with_the_server_that_began_it(runs, served, sheet_run):
         ({"plan": "../plan.json"}, Exception, "plan"),
         ({"models": "models"}, MissingFileError, "models"),
         ({"driver": {"kind": "replay", "recording": "nothing"}}, MissingFileError, "nothing"),
+        ({"driver": {"kind": "replay", "recording": "sheet-expected"}}, SensorError, "sensor"),
+        ({"driver": {"kind": "genicam", "cell": "bad.toml"}}, FormatError, "sensor"),
     ],
 )
 def test_what_cannot_be_run_is_refused_before_anything_is_written(
     runs, served, changes, error, says
 ):
+    (served / "bad.toml").write_text("")
     with pytest.raises(error, match=says):
         started(runs, **changes)
     assert not (served / "runs" / "one").exists()
+
+
+def test_a_recording_without_the_plans_views_is_refused(runs, served):
+    plan = plate_exposure_plan()
+    pose = RigidTransform(translation_mm=np.array([500.0, 0.0, 600.0]))
+    write_exposure_plan(
+        served / "plan.json",
+        replace(plan, views=(replace(plan.views[0], camera_from_part=pose), *plan.views[1:])),
+    )
+    with pytest.raises(InputError, match="no capture at this pose"):
+        started(runs)
+    assert not (served / "runs" / "one").exists()
+
+
+def test_an_unknown_finish_is_refused(runs, served, sheet_run):
+    plan = read_plan(served / "sheet.toml")
+    simulated = {key: value for key, value in plan.simulated.items() if key != "scene"}
+    write_plan(served / "sheet.toml", replace(plan, simulated=simulated))
+    driver = {"kind": "simulated", "finish": "nope"}
+    with pytest.raises(InputError, match="finish 'nope' is not known"):
+        runs.start(RunRequest(**{**sheet_run, "driver": driver}))
+    assert not (served / "runs" / "sheet").exists()
+
+
+def test_models_of_another_sensor_are_refused(runs, served, original):
+    shutil.copytree(original / "models", served / "models")
+    write_exposure_plan(served / "plan.json", replace(plate_exposure_plan(), sensor="another"))
+    with pytest.raises(SensorError, match="the models are of sensor 'small'"):
+        started(runs, models="models")
+
+
+def test_links_that_lead_out_are_no_runs(runs, served, tmp_path):
+    started(runs)
+    await_state(lambda: runs.run("one").state)
+    outside = shutil.copytree(served / "runs" / "one", tmp_path / "outside")
+    (served / "runs" / "evil").symlink_to(outside)
+    shutil.copytree(served / "runs" / "one", served / "runs" / "half")
+    shutil.rmtree(served / "runs" / "half" / "campaign")
+    (served / "runs" / "half" / "campaign").symlink_to(outside / "campaign")
+    assert [each.name for each in runs.states()] == ["one"]
+    for name in ("evil", "half"):
+        for act in (runs.run, runs.proceed):
+            with pytest.raises(MissingFileError, match="no run"):
+                act(name)
+    (served / "runs").rename(tmp_path / "moved")
+    (served / "runs").symlink_to(tmp_path / "moved")
+    assert runs.states() == []
+    for act in (lambda: runs.run("one"), lambda: started(runs, "two")):
+        with pytest.raises(MissingFileError):
+            act()
+    assert not (tmp_path / "moved" / "two").exists()
+
+
+def test_what_a_run_says_has_no_path_of_the_machine(runs, served):
+    started(runs)
+    await_state(lambda: runs.run("one").state)
+    folder = runs.run("one")
+    folder.write_state(replace(folder.written_state, state="stopped"))
+    (served / "recorded" / "campaign.json").write_text("{")
+    runs.proceed("one")
+    state = await_state(lambda: runs.run("one").state)
+    assert state.state == "failed"
+    assert "recorded/campaign.json" in state.error
+    assert str(served) not in state.error
+    assert str(served) not in folder.events.read_text()
+
+
+def test_no_more_runs_measure_than_may(runs, served, sheet_run):
+    """Whichever server processes are asked, and whether runs start or go on."""
+    began = now()
+    waiting = []
+    for n in range(3):
+        folder = RunFolder(served / "runs" / f"held{n}")
+        folder.path.mkdir(parents=True)
+        request = RunRequest(**request_of(folder.name))
+        folder.write(request, first_state(folder.name, request, time=began))
+        waiting.append(folder.take_lock())
+    folder = RunFolder(served / "runs" / "later")
+    folder.path.mkdir()
+    request = RunRequest(**request_of("later"))
+    folder.write(request, first_state("later", request, state="stopped", time=began))
+    servers = [Runs(ServedFolder(served)) for _ in range(4)]
+    answers, barrier = [], threading.Barrier(len(servers))
+
+    def start(number, server):
+        barrier.wait()
+        try:
+            answers.append(server.start(RunRequest(**{**sheet_run, "name": f"s{number}"})).name)
+        except RequestError as error:
+            answers.append(error.status)
+
+    threads = [threading.Thread(target=start, args=each) for each in enumerate(servers)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert [each for each in answers if each == 429] == [429] * 3
+    with pytest.raises(RequestError, match="no more may") as refused:
+        runs.proceed("later")
+    assert refused.value.status == 429
+    for each in waiting:
+        os.close(each)
+    assert runs.proceed("later").lives
+    await_state(lambda: runs.run("later").state)
+    for each in servers:
+        each.close()
+
+
+def test_on_a_read_only_disk_runs_can_be_looked_at(runs, served, monkeypatch):
+    folder = RunFolder(served / "runs" / "one")
+    folder.path.mkdir(parents=True)
+    request = RunRequest(**request_of())
+    folder.write(request, first_state("one", request, time=now()))
+    opening = os.open
+
+    def read_only(path, flags, *args, **options):
+        if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            raise OSError(30, "Read-only file system")
+        return opening(path, flags, *args, **options)
+
+    monkeypatch.setattr("os.open", read_only)
+    assert runs.run("one").state.state == "interrupted"  # there is no lock's file
+    monkeypatch.undo()
+    os.close(folder.take_lock())
+    monkeypatch.setattr("os.open", read_only)
+    assert runs.run("one").state.state == "interrupted"
+
+
+def test_a_run_with_a_damaged_state_has_failed(runs, served):
+    started(runs)
+    await_state(lambda: runs.run("one").state)
+    (served / "runs" / "one" / "state.json").write_text("{")
+    (state,) = runs.states()
+    assert (state.name, state.state, state.plan) == ("one", "failed", "plan.json")
+    assert state.error.startswith("state.json")
+    with pytest.raises(FileError, match=r"state\.json"):
+        runs.proceed("one")
 
 
 def test_names_of_runs_are_plain(runs):
@@ -222,7 +379,7 @@ def test_a_full_disk_fails_the_run_in_the_space_kept_for_that(runs, served, monk
 
     monkeypatch.setattr("os.write", refuse)
     monkeypatch.setattr("exposight.service.run_process.measure_adaptively", measuring)
-    RunProcess(folder).carry_out(ServedFolder(served))
+    RunProcess(folder, ServedFolder(served)).carry_out()
     state = runs.run("one").state
     assert state.state == "failed"
     assert "space" in state.error
@@ -287,7 +444,6 @@ def test_measure_and_a_run_may_not_write_the_same_campaign(runs, served, sheet_r
     while not (served / "runs/sheet/campaign/campaign.json").exists():
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    from exposight.plans import read_plan
     from exposight.twin import SimulatedCell
 
     plan = read_plan(served / "sheet.toml")

@@ -100,12 +100,18 @@ class ReplayDriver:
         InputError
             If the campaign has no capture there; the message names the nearest one.
         """
-        view_there = self._view_at(camera_from_part)
+        view_there = self.view_at(camera_from_part)
         number = self._number_of(view_there, exposure_ms)
         return replace(self._campaign.capture(number), view=view)
 
-    def _view_at(self, camera_from_part: RigidTransform) -> str:
-        """Return the recorded view at a pose."""
+    def view_at(self, camera_from_part: RigidTransform) -> str:
+        """Return the recorded view at a pose.
+
+        Raises
+        ------
+        InputError
+            If the campaign has no capture there; the message names the nearest view.
+        """
         features_mm = np.array([f.part_from_feature.translation_mm for f in self.part.features])
         asked_mm = camera_from_part.apply(features_mm)
         away_mm = np.array(

@@ -353,7 +353,9 @@ def read_verified(path: Path, sha256: str, what: str) -> bytes:
     return data
 
 
-def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFileLock:
+def hold_writer_lock(
+    folder: Path, what: str, name: str = WRITER_LOCK, *, timeout_s: float = 0.0
+) -> BaseFileLock:
     """Take a lock that only one writer can hold: of a folder, or of a file in it.
 
     Parameters
@@ -364,6 +366,8 @@ def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFi
         What is written there, for messages.
     name : str
         Name of the lock's file.
+    timeout_s : float, s
+        How long to wait for a writer that holds it.
 
     Returns
     -------
@@ -378,7 +382,7 @@ def hold_writer_lock(folder: Path, what: str, name: str = WRITER_LOCK) -> BaseFi
         If the disk refuses.
     """
     path = folder / name
-    lock = FileLock(path, timeout=0, thread_local=False)  # whichever thread releases it
+    lock = FileLock(path, timeout=timeout_s, thread_local=False)  # whichever thread releases it
     try:
         lock.acquire()
     except Timeout as error:

@@ -143,9 +143,13 @@ class ServedFolder:
         """Return the name of a path in the folder."""
         return path.relative_to(self.root).as_posix()
 
-    def without_root(self, error: ExposightError) -> str:
+    def without_root(self, message: object) -> str:
         """Return an error's message without the folder's own path, which is nobody's business."""
-        return str(error).replace(f"{self.root}/", "")
+        return str(message).replace(f"{self.root}/", "")
+
+    def has(self, path: Path) -> bool:
+        """Tell whether a path in the folder stays in it where its links lead."""
+        return Path(os.path.realpath(path)).is_relative_to(self.root)
 
     def _resolved(self, name: str, what: str) -> Path:
         check_name(name, what)

@@ -46,7 +46,7 @@ class StrictRoute(APIRoute):
         answer_strictly = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            if request.method == "POST":
+            if self.body_field is not None:
                 check_media_type(request, "application/json")
             return await answer_strictly(StrictRequest(request.scope, request.receive))
 

@@ -17,11 +17,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from exposight.errors import FileError, InputError
+from exposight.errors import FileError, InputError, MissingFileError
 from exposight.files import DocumentFormat, read_bytes, write_durably
 
 RUN_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}"
 """Of a run: a plain name of a folder."""
+
+RUNS = "runs"
+"""Folder of the runs in the served folder."""
 
 CAMPAIGN = "campaign"
 """Folder of a run's captures."""
@@ -251,7 +254,12 @@ class RunFolder:
     @property
     def state(self) -> RunState:
         """How it stands, known from this file and the lock alone."""
-        state = self.written_state
+        try:
+            state = self.written_state
+        except MissingFileError:
+            raise
+        except FileError as error:
+            return self._damaged_state(str(error).replace(f"{self.path}/", ""))
         if not state.lives:
             return state
         if not self.is_held():
@@ -261,6 +269,21 @@ class RunFolder:
                 return replace(state, state="interrupted", error=reason)
             return state
         return replace(state, state="stopping") if self.order() == "stop" else state
+
+    def _damaged_state(self, reason: str) -> RunState:
+        """Return how a run stands of which it is not known: failed, as was asked for."""
+        try:
+            asked = self.request
+        except FileError:
+            asked = None
+        changed = datetime.fromtimestamp((self.path / _STATE).stat().st_mtime, UTC)
+        return first_state(
+            self.name,
+            asked,
+            state="failed",
+            error=reason,
+            time=changed.isoformat(timespec="milliseconds"),
+        )
 
     def write(self, request: RunRequest, state: RunState) -> None:
         """Write what a new run's folder begins with."""
@@ -299,11 +322,41 @@ class RunFolder:
 
     def is_held(self) -> bool:
         """Tell whether a process works on the run."""
+        if not (self.path / _LOCK).exists():
+            return False
         descriptor = _locked(self.path / _LOCK, shared=True)
         if descriptor is None:
             return True
         os.close(descriptor)
         return False
+
+
+def first_state(
+    name: str,
+    request: RunRequest | None,
+    *,
+    state: RunStateName = "starting",
+    error: str = "",
+    time: str,
+    n_features: int = 0,
+) -> RunState:
+    """Return how a run stands of which nothing but its request is known, if that."""
+    return RunState(
+        name=name,
+        state=state,
+        plan=request.plan if request else "",
+        models=request.models if request else None,
+        driver=request.driver.model_dump(exclude_none=True) if request else {},
+        campaign=f"{RUNS}/{name}/{CAMPAIGN}",
+        n_captures=0,
+        n_features=n_features,
+        n_had=None,
+        verdict="",
+        error=error,
+        started=time,
+        updated=time,
+        last_seq=0,
+    )
 
 
 def _locked(path: Path, *, shared: bool) -> int | None:
@@ -312,8 +365,10 @@ def _locked(path: Path, *, shared: bool) -> int | None:
         raise InputError(msg)
     import fcntl
 
+    # Whoever only looks need not be able to write: the disk may be read-only.
+    access = os.O_RDONLY if shared else os.O_RDWR | os.O_CREAT
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(path, access | os.O_CLOEXEC, 0o644)
     except OSError as error:
         msg = f"{path} cannot be opened: {error.strerror}"
         raise FileError(msg) from error

@@ -24,7 +24,7 @@ from exposight.measuring.decisions import HAD, Decision
 from exposight.planning import ExposurePlan
 from exposight.planning.loop_report import Outcome, Request
 from exposight.service.folder import ServedFolder
-from exposight.service.run_files import EventKind, EventLog, RunFolder, RunStateName
+from exposight.service.run_files import RUNS, EventKind, EventLog, RunFolder, RunStateName
 from exposight.service.run_work import RunWork, run_work
 from exposight.service.shown_surface import write_surface
 from exposight.tables import number
@@ -48,10 +48,12 @@ class RunProcess:
     ----------
     folder : RunFolder
         The run's, whose lock this process holds.
+    served : ServedFolder
+        That the run is in.
     """
 
-    def __init__(self, folder: RunFolder) -> None:
-        self._folder = folder
+    def __init__(self, folder: RunFolder, served: ServedFolder) -> None:
+        self._folder, self._served = folder, served
         self._log = EventLog(folder.events)
         self._state = folder.written_state
         noted = [each.data["number"] for each in self._log.before if each.kind == "decision"]
@@ -59,13 +61,13 @@ class RunProcess:
         self._outcomes: dict[str, dict[str, Any]] = {}
         self._n_captures = self._state.n_captures
 
-    def carry_out(self, served: ServedFolder) -> None:
+    def carry_out(self) -> None:
         """Measure until the run is finished, stopped or failed, and say which."""
         try:
             self._keep_reserve()
             resumed = self._log.last_seq > 0
             self._become("starting", "the run goes on" if resumed else "the run starts")
-            work = run_work(self._folder.request, served)
+            work = run_work(self._folder.request, self._served)
             with closing_driver(work.driver):
                 verdict = self._measure(work)
         except _StoppedError:
@@ -163,7 +165,7 @@ class RunProcess:
     # -- what is written ------------------------------------------------------------------------
 
     def _event(self, kind: EventKind, text: str, data: dict[str, Any], **changes: Any) -> None:
-        event = self._log.append(kind, text, data)
+        event = self._log.append(kind, self._served.without_root(text), self._without_root(data))
         self._state = replace(
             self._state,
             n_captures=self._n_captures,
@@ -173,12 +175,25 @@ class RunProcess:
         )
         self._folder.write_state(self._state)
 
+    def _without_root(self, value: Any) -> Any:
+        """Return an event's data without the served folder's own path."""
+        match value:
+            case Mapping():
+                return {key: self._without_root(each) for key, each in value.items()}
+            case list() | tuple():
+                return [self._without_root(each) for each in value]
+            case str():
+                return self._served.without_root(value)
+            case _:
+                return value
+
     def _become(self, state: RunStateName, text: str, **changes: Any) -> None:
         changes = {"error": "", **changes}
         self._event("state", text, {"state": state}, state=state, **changes)
 
     def _fail(self, message: str, kind: str) -> None:
         """Say why the run ends; where the disk is full, in the space that was kept for it."""
+        message = self._served.without_root(message)
         with suppress(OSError):
             (self._folder.path / _RESERVE).unlink(missing_ok=True)
         with suppress(FileError):
@@ -225,7 +240,7 @@ def main(served: str, name: str, lock: str) -> None:
     os.set_inheritable(int(lock), False)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # closes the driver on its way out
     folder = ServedFolder(Path(served))
-    RunProcess(RunFolder(folder.root / "runs" / name)).carry_out(folder)
+    RunProcess(RunFolder(folder.root / RUNS / name), folder).carry_out()
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 
 from exposight.errors import FileError
 from exposight.service.faults import answer, fault_answers
+from exposight.service.json_routes import StrictRoute
 from exposight.service.run_files import (
     Event,
     RunFolder,
@@ -24,7 +25,7 @@ from exposight.service.run_files import (
 from exposight.service.run_report import report_page
 from exposight.service.runs import Runs
 
-router = APIRouter(tags=["runs"])
+router = APIRouter(tags=["runs"], route_class=StrictRoute)
 
 _LOOK_S = 0.1
 """Between looks for new events."""

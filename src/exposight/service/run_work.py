@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from exposight.cell import PRESETS, Driver
 from exposight.drivers import DEVICES, ReplayDriver
 from exposight.errors import InputError, SensorError
+from exposight.measuring.adaptive import view_poses
 from exposight.planning import ExposurePlan, SensorModels, read_exposure_plan
 from exposight.plans import PLAN_SUFFIXES, MeasuringPlan, read_plan
 from exposight.service.folder import ServedFolder
@@ -44,10 +45,66 @@ def run_work(request: RunRequest, folder: ServedFolder) -> RunWork:
     ExposightError
         If something is not in the folder, cannot be read, or does not fit the rest.
     """
-    plan = plan_of(request, folder)
-    models = None if request.models is None else SensorModels.load(folder.inside(request.models))
+    plan, models = plan_of(request, folder), _models_of(request, folder)
+    check_models(plan, models)
     driver = driver_of(request, folder, plan, models)
     return RunWork(plan=plan, models=models, driver=driver, clouds=request.clouds)
+
+
+def check_work(request: RunRequest, folder: ServedFolder) -> int:
+    """Check what a run works with as far as neither a scene nor a device is needed for that.
+
+    Returns
+    -------
+    int
+        How many features the plan has.
+
+    Raises
+    ------
+    ExposightError
+        As `run_work`; or if a recording lacks a view of the plan.
+    """
+    plan, models = plan_of(request, folder), _models_of(request, folder)
+    check_models(plan, models)
+    if isinstance(request.driver, RecordedDriver):
+        folder.campaign(request.driver.recording)
+    if isinstance(plan, MeasuringPlan):
+        if isinstance(request.driver, SimulatedDriver):
+            beside = folder.inside(request.plan).parent
+            replace(SimulatedCellSettings.of_plan(plan, beside), **_changes(request.driver))
+        else:
+            driver_of(request, folder, plan, models)
+        return len(plan.features)
+    driver = driver_of(request, folder, plan, models)
+    if driver.sensor.name != plan.sensor:
+        msg = f"the plan is for sensor {plan.sensor!r}, the driver has {driver.sensor.name!r}"
+        raise SensorError(msg)
+    if isinstance(driver, ReplayDriver):
+        for pose in view_poses(plan).values():
+            driver.view_at(pose)
+    return len(plan.features)
+
+
+def check_models(plan: ExposurePlan | MeasuringPlan, models: SensorModels | None) -> None:
+    """Check that models are of an exposure plan's sensor.
+
+    Raises
+    ------
+    SensorError
+        If they are of another.
+    """
+    if models is None or models.sensor is None or isinstance(plan, MeasuringPlan):
+        return
+    if models.sensor.name != plan.sensor:
+        msg = (
+            f"the models are of sensor {models.sensor.name!r}, the plan is for {plan.sensor!r}; "
+            "give models of the plan's sensor, or plan with these"
+        )
+        raise SensorError(msg)
+
+
+def _models_of(request: RunRequest, folder: ServedFolder) -> SensorModels | None:
+    return None if request.models is None else folder.models(request.models)
 
 
 def plan_of(request: RunRequest, folder: ServedFolder) -> ExposurePlan | MeasuringPlan:
@@ -100,6 +157,16 @@ def driver_of(
             return _simulated_cell(request, wanted, folder, plan, models)
 
 
+def _changes(wanted: SimulatedDriver) -> dict[str, Any]:
+    """Return the simulated cell's settings that a request gives."""
+    given = {
+        "lamp": wanted.lamp_power,
+        "finish": wanted.finish,
+        "rings_only": wanted.rings_only or None,
+    }
+    return {name: value for name, value in given.items() if value is not None}
+
+
 def _simulated_cell(
     request: RunRequest,
     wanted: SimulatedDriver,
@@ -107,12 +174,9 @@ def _simulated_cell(
     plan: ExposurePlan | MeasuringPlan,
     models: SensorModels | None,
 ) -> SimulatedCell:
-    given: dict[str, Any] = {"lamp": wanted.lamp_power, "finish": wanted.finish}
     if isinstance(plan, MeasuringPlan):
-        changes = {name: value for name, value in given.items() if value is not None}
-        if wanted.rings_only:
-            changes["rings_only"] = True
-        return SimulatedCell.for_plan(plan, folder=folder.inside(request.plan).parent, **changes)
+        beside = folder.inside(request.plan).parent
+        return SimulatedCell.for_plan(plan, folder=beside, **_changes(wanted))
     known = [*PRESETS.values(), *([models.sensor] if models and models.sensor else [])]
     sensor = {each.name: each for each in known}.get(plan.sensor)
     if sensor is None:
@@ -121,6 +185,6 @@ def _simulated_cell(
             "on it (exposight train --sensor)"
         )
         raise SensorError(msg)
-    settings = SimulatedCellSettings(**given, rings_only=wanted.rings_only)
+    settings = SimulatedCellSettings(**_changes(wanted))
     features = [each.feature for each in plan.features]
     return SimulatedCell(sensor, settings, seed=wanted.seed or 0, features=features)

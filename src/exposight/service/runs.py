@@ -12,38 +12,38 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from exposight.errors import FileError, MissingFileError, did_you_mean
-from exposight.files import durable_folder, make_folder
+from exposight.errors import FileError, LockedError, MissingFileError, did_you_mean
+from exposight.files import durable_folder, hold_writer_lock, make_folder
 from exposight.leash import leashed
 from exposight.service.faults import RequestError
 from exposight.service.folder import ServedFolder
 from exposight.service.run_files import (
-    CAMPAIGN,
     LIVING,
     RUN_NAME,
-    CellDriver,
-    RecordedDriver,
+    RUNS,
     RunFolder,
     RunRequest,
     RunState,
+    first_state,
     now,
 )
-from exposight.service.run_work import plan_of
-
-RUNS = "runs"
-"""Folder of the runs in the served folder."""
+from exposight.service.run_work import check_work
 
 _MOST_LIVING = 4
 """Runs that measure at the same time."""
 
 _LOCK_S = 2.0
 """Within this time whoever looks whether a run's lock is free has let go of it."""
+
+_PLACE_S = 10.0
+"""Within this time those who begin a run before us have begun it."""
 
 _SPAWN_S = 30.0
 
@@ -89,18 +89,28 @@ class Runs:
             If there is no run of this name.
         """
         folder = RunFolder(self._root / name)
-        if not re.fullmatch(RUN_NAME, name) or not folder.is_run():
+        if not re.fullmatch(RUN_NAME, name) or not self._is_inside(folder) or not folder.is_run():
             msg = f"no run {name!r}{did_you_mean(name, self._names())}; GET /v1/runs lists them"
             raise MissingFileError(msg)
         return folder
 
     def states(self) -> list[RunState]:
-        """Return how each run stands, those begun last first; damaged ones are left out."""
+        """Return how each run stands, those begun last first; damaged ones have failed."""
         states = []
         for name in self._names():
             with suppress(FileError):
                 states.append(self.run(name).state)
         return sorted(states, key=lambda each: (each.started, each.name), reverse=True)
+
+    def _is_inside(self, folder: RunFolder) -> bool:
+        """Tell whether no link leads out of the served folder, at the run or at what it holds."""
+        if not self._served.has(folder.path):
+            return False
+        try:
+            links = [Path(each.path) for each in os.scandir(folder.path) if each.is_symlink()]
+        except OSError:
+            return False
+        return all(map(self._served.has, links))
 
     @property
     def _root(self) -> Path:
@@ -121,26 +131,20 @@ class Runs:
         Raises
         ------
         RequestError
-            409 if there is a run of this name, or as many measure as may.
+            409 if there is a run of this name, 429 if as many measure as may.
         ExposightError
             If the plan, the models or the recording are not there, or do not fit each other.
         """
         path = self._served.new(f"{RUNS}/{request.name}", "run")
         self._check_free(path, request.name)
-        n_features = self._checked(request)
-        living = [each.name for each in self.states() if each.state in LIVING]
-        if len(living) >= _MOST_LIVING:
-            msg = f"{len(living)} runs are measuring, and no more may; stop one of {living}"
-            raise RequestError(409, msg)
-        state = _first_state(request, n_features)
+        n_features = check_work(request, self._served)
         make_folder(self._root, "runs")
-        try:
+        with self._place(request.name):
+            self._check_free(path, request.name)  # another client may have been faster
             with durable_folder(path) as unfinished:
+                state = first_state(request.name, request, time=now(), n_features=n_features)
                 RunFolder(unfinished).write(request, state)
                 lock = RunFolder(unfinished).take_lock()
-        except FileError:
-            self._check_free(path, request.name)  # another client was faster
-            raise
         assert lock is not None  # nobody else knows the folder
         return self._spawn(RunFolder(path), lock)
 
@@ -169,7 +173,7 @@ class Runs:
         MissingFileError
             If there is no such run.
         RequestError
-            409 if it is finished or stopping.
+            409 if it is finished or stopping, 429 if as many measure as may.
         """
         folder = self.run(name)
         state = folder.state
@@ -178,19 +182,43 @@ class Runs:
         if state.lives:
             folder.give_order("run")
             return folder.state
-        lock = _awaited_lock(folder)
-        if lock is None:  # another client continued it
-            return folder.state
-        try:
-            state = folder.written_state
-            if state.state == "finished":
-                raise _refusal(state, "continue")
-            folder.give_order("run")
-            folder.write_state(replace(state, state="starting", error="", updated=now()))
-        except BaseException:
-            os.close(lock)
-            raise
+        with self._place(name):
+            lock = _awaited_lock(folder)
+            if lock is None:  # another client continued it
+                return folder.state
+            try:
+                state = folder.written_state
+                if state.state == "finished":
+                    raise _refusal(state, "continue")
+                folder.give_order("run")
+                folder.write_state(replace(state, state="starting", error="", updated=now()))
+            except BaseException:
+                os.close(lock)
+                raise
         return self._spawn(folder, lock)
+
+    @contextmanager
+    def _place(self, name: str) -> Iterator[None]:
+        """Hold a run's place among those that measure, while others wait, until it counts itself.
+
+        Raises
+        ------
+        RequestError
+            429 if as many measure as may, or others take too long to begin theirs.
+        """
+        try:
+            lock = hold_writer_lock(self._root, "the runs", ".begin.lock", timeout_s=_PLACE_S)
+        except LockedError as error:
+            msg = "other runs are being begun; ask again a little later"
+            raise RequestError(429, msg) from error
+        try:
+            living = [each.name for each in self.states() if each.state in LIVING]
+            if name not in living and len(living) >= _MOST_LIVING:
+                msg = f"{len(living)} runs are measuring, and no more may; stop one of {living}"
+                raise RequestError(429, msg)
+            yield
+        finally:
+            lock.release()
 
     def _check_free(self, path: Path, name: str) -> None:
         if path.exists():
@@ -198,17 +226,6 @@ class Runs:
             stands = f"is {state.state}" if state else "is no run's"
             msg = f"the name {name!r} is taken by what {stands}; choose another, or continue that"
             raise RequestError(409, msg, {"state": vars(state)} if state else {})
-
-    def _checked(self, request: RunRequest) -> int:
-        """Check what a run needs as far as that is done at once; return the number of features."""
-        plan = plan_of(request, self._served)
-        if request.models is not None:
-            self._served.models(request.models)
-        if isinstance(request.driver, RecordedDriver):
-            self._served.campaign(request.driver.recording)
-        if isinstance(request.driver, CellDriver):
-            self._served.inside(request.driver.cell, "file of a cell")
-        return len(plan.features)
 
     def _spawn(self, folder: RunFolder, lock: int) -> RunState:
         """Begin the process that measures, which inherits the lock."""
@@ -236,26 +253,6 @@ class Runs:
                 start_new_session=True,  # Ctrl-C ends the server, and that the child
             )
         self._children.append(child)
-
-
-def _first_state(request: RunRequest, n_features: int) -> RunState:
-    began = now()
-    return RunState(
-        name=request.name,
-        state="starting",
-        plan=request.plan,
-        models=request.models,
-        driver=request.driver.model_dump(exclude_none=True),
-        campaign=f"{RUNS}/{request.name}/{CAMPAIGN}",
-        n_captures=0,
-        n_features=n_features,
-        n_had=None,
-        verdict="",
-        error="",
-        started=began,
-        updated=began,
-        last_seq=0,
-    )
 
 
 def _awaited_lock(folder: RunFolder) -> int | None:
