@@ -157,3 +157,51 @@ def test_damaged_images_are_refused(client, served):
         answer = client.get(f"/v1/campaigns/recorded/captures/0/image{query}")
         assert answer.status_code == 422
         assert answer.json()["kind"] == "DamagedFileError"
+
+
+def numbers(client, name):
+    return [each["number"] for each in got(client, f"/{name}/captures").json()["captures"]]
+
+
+def test_an_unfinished_capture_is_none_until_it_is_finished(client, served):
+    folder = served / "whole" / "captures" / "000007"
+    folder.mkdir()
+    assert numbers(client, "whole") == [0, 1, 2]
+    assert got(client, "/whole").json()["n_captures"] == 3
+    assert "whole" in {each["name"] for each in got(client, "").json()["campaigns"]}
+    assert got(client, "/whole/observations").json()["observations"]
+    for what in ("image", "rings"):
+        assert client.get(f"/v1/campaigns/whole/captures/7/{what}").status_code == 404
+    assert numbers(client, "whole") == [0, 1, 2]
+    for path in (served / "whole/captures/000002").iterdir():
+        path.rename(folder / path.name)
+    (served / "whole/captures/000002").rmdir()
+    assert numbers(client, "whole") == [0, 1, 7]
+
+
+def test_a_capture_that_lost_its_description_is_not_there(client, served):
+    assert numbers(client, "whole") == [0, 1, 2]
+    (served / "whole/captures/000001/capture.json").unlink()
+    assert numbers(client, "whole") == [0, 2]
+    assert got(client, "/whole").json()["n_captures"] == 2
+    for what in ("image", "rings"):
+        assert client.get(f"/v1/campaigns/whole/captures/1/{what}").status_code == 404
+
+
+@pytest.mark.parametrize("opened_before", [True, False])
+@pytest.mark.parametrize(
+    "place", ["000001", "000001/image.png", "000001/capture.json", "000001/observations.csv"]
+)
+def test_captures_that_lead_out_are_not_there(client, served, tmp_path, place, opened_before):
+    outside = shutil.copytree(served / "recorded", tmp_path / "outside")
+    before = len(CampaignFolder(served / "recorded"))
+    if opened_before:
+        got(client, "/recorded/captures/1/image")
+    (served / "recorded/captures" / place).rename(served / "aside")
+    (served / "recorded/captures" / place).symlink_to(outside / "captures" / place)
+    for what in ("image", "image?width=60", "rings"):
+        assert client.get(f"/v1/campaigns/recorded/captures/1/{what}").status_code == 404
+    assert 1 not in numbers(client, "recorded")
+    rows = got(client, "/recorded/observations").json()["observations"]
+    assert len({(each["view"], each["exposure_ms"]) for each in rows}) == before - 1
+    assert got(client, "/recorded/captures/0/image").content

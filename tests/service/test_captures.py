@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import threading
 import zlib
 
@@ -230,3 +231,24 @@ def test_a_body_beyond_the_limit_is_refused_while_it_arrives(original, asking, a
         body = io.BytesIO(head + bytes(200_000)).read()
         got = client.post("/v1/observe", content=iter([body]), headers=boundary)
         assert got.status_code == 413, got.text
+
+
+def test_loops_that_are_refused_leave_nothing(served, asking):
+    with asking(served) as client:
+        assert client.post("/v1/next", json={"loop": "nope"}).status_code == 404
+        got = client.post("/v1/next", json={"loop": "nope", **BEGIN, "plan": "nothing.json"})
+        assert got.status_code == 404
+    assert not (served / "loops").exists()
+
+
+@pytest.mark.parametrize("place", ["captures/000001", "captures/000001/image.png"])
+def test_captures_that_lead_out_are_not_fed(served, asking, tmp_path, place):
+    shutil.copytree(served / "campaign", tmp_path / "outside")
+    inner = served / "campaign" / place
+    shutil.rmtree(inner) if inner.is_dir() else inner.unlink()
+    inner.symlink_to(tmp_path / "outside" / place)
+    with asking(served) as client:
+        client.post("/v1/next", json={"loop": "plate", **BEGIN})
+        got = client.post("/v1/next", json={"loop": "plate", "captures": ["campaign"]})
+        assert got.status_code == 404, got.text
+        assert "leads out" in got.json()["error"]

@@ -11,6 +11,7 @@ from exposight.service.guard import Limits
 
 JSON = {"Content-Type": "application/json"}
 ABOUT = {"models": "models", "campaign": "campaign", "view": "v1"}
+PLAN = {"models": "models", "campaign": "campaign"}
 TOKEN = "a-token-of-enough-characters"
 
 
@@ -127,6 +128,54 @@ def test_nothing_outside_the_folder_is_reached(served, asking, tmp_path, origina
         assert client.post("/v1/plan", json=body).status_code == 404
         assert client.get("/v1/%2e%2e/%2e%2e/etc/passwd").status_code == 404
     assert not list(outside.rglob("*.json"))
+
+
+def test_a_model_file_that_leads_out_is_not_read(served, asking, original):
+    models = served / "models"
+    (served / "inner").mkdir()
+    for path in models.iterdir():
+        (served / "inner" / path.name).symlink_to(path)
+    with asking(served) as client:
+        assert client.post("/v1/recommend", json={**ABOUT, "models": "inner"}).status_code == 200
+        for path in sorted(models.iterdir()):
+            path.unlink()
+            path.symlink_to(original / "models" / path.name)
+            for name in ("models", "inner"):
+                got = client.post("/v1/recommend", json={**ABOUT, "models": name})
+                assert got.status_code == 404, got.text
+                assert "leads out" in got.json()["error"]
+
+
+@pytest.mark.parametrize("name", ["campaign.json", "sensor.json", "features.csv", "captures"])
+def test_a_campaigns_file_that_leads_out_is_not_read(served, asking, original, name):
+    (served / "campaign" / name).rename(served / "aside")
+    (served / "campaign" / name).symlink_to(original / "campaign" / name)
+    with asking(served) as client:
+        assert client.post("/v1/recommend", json=ABOUT).status_code == 404
+        assert client.get("/v1/campaigns/campaign").status_code == 404
+
+
+def test_a_folder_that_was_moved_away_is_not_made_again(served, asking, tmp_path):
+    with asking(served) as client:
+        served.rename(tmp_path / "moved")
+        health = client.get("/v1/health")
+        assert (health.status_code, health.json()["status"]) == (200, "folder missing")
+        run = {"name": "r", "plan": "plan.json", "driver": {"kind": "simulated"}}
+        begin = {"loop": "a", "plan": "plan.json", "models": "models", "campaign": "campaign"}
+        answers = [client.get(f"/v1/{name}") for name in ("models", "campaigns", "plans")]
+        answers += [
+            client.post("/v1/recommend", json=ABOUT),
+            client.post("/v1/plan", json={**PLAN, "save_as": "p.json"}),
+            client.post("/v1/next", json=begin),
+            client.post("/v1/runs", json=run),
+        ]
+        for got in answers:
+            assert got.status_code == 404, got.text
+            assert "not there any more" in got.json()["error"]
+        assert not served.exists()
+        (tmp_path / "moved").rename(served)
+        assert client.get("/v1/health").json()["status"] == "ok"
+        assert client.post("/v1/recommend", json=ABOUT).status_code == 200
 
 
 def test_messages_do_not_tell_where_the_folder_lies(served, asking):

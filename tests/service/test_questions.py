@@ -169,3 +169,27 @@ def test_a_matrix_that_is_no_pose(client, rows):
     for path in ("/v1/recommend", "/v1/forecast"):
         got = client.post(path, json={**ABOUT, "camera_from_part": rows})
         assert got.status_code == 422, got.text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("campaign.json", "plans/Sensor.json", "part.json", ".hidden.json", "a/.b/x.json"),
+        *("loops/q.json", "runs/r9/request.json", "LOOPS/q.json", "plans/new.txt"),
+        *("campaign/x.json", "campaign/captures/000000/plan.json", "models/plan.json"),
+    ],
+)
+def test_a_plan_is_not_written_where_it_would_hide_or_change_something(served, asking, name):
+    before = {path for path in served.rglob("*")}
+    with asking(served) as client:
+        got = client.post("/v1/plan", json={**ABOUT, "save_as": name})
+        assert got.status_code == 422, got.text
+        assert client.get("/v1/health").json()["serves"]["campaigns"] == 1
+    assert {path for path in served.rglob("*")} == before
+
+
+def test_a_plan_that_fails_leaves_no_folder(served, asking):
+    with asking(served) as client:
+        body = {**ABOUT, "models": "nothing", "save_as": "zz/z.json"}
+        assert client.post("/v1/plan", json=body).status_code == 404
+    assert not (served / "zz").exists()

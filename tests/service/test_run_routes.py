@@ -264,3 +264,11 @@ def test_a_killed_server_loses_nothing(served, sheet_run, sheet_expected):
             process.wait()
         before = captured(campaign)
     assert captured(campaign) == sheet_expected
+
+
+def test_a_report_leaves_out_an_unfinished_capture(client, served):
+    started(client)
+    await_state(lambda: state_of(client, "one"))
+    (served / "runs/one/campaign/captures/000007").mkdir()
+    answer = client.get("/v1/runs/one/report")
+    assert answer.status_code == 200, answer.text

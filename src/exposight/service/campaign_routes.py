@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+from copy import copy
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from exposight.cell import CampaignFolder
-from exposight.errors import FileError, FormatError
+from exposight.errors import FileError, FormatError, MissingFileError
 from exposight.files import csv_of
 from exposight.measuring.view_work import campaign_rows
 from exposight.observing import parse_observations
 from exposight.service import shown_campaigns
 from exposight.service.faults import RequestError, answer, fault_answers
-from exposight.service.folder import ServedFolder
+from exposight.service.folder import ServedFolder, is_whole_capture
 
 router = APIRouter(tags=["campaigns"])
 
@@ -101,9 +102,20 @@ Known = Annotated[
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As the client knows it."}}
 
 
-def _campaign(request: Request, name: str) -> CampaignFolder:
+def _campaign(request: Request, name: str, number: int | None = None) -> CampaignFolder:
+    """Return a campaign with the captures whose files are in the served folder now.
+
+    Where a number is given, only that capture is looked at.
+    """
     folder: ServedFolder = request.app.state.folder
-    return folder.campaign(name)
+    campaign = copy(folder.campaign(name))  # the kept one stays as it is
+    campaign.numbers = tuple(
+        each
+        for each in campaign.numbers
+        if number not in {None, each}
+        or is_whole_capture(shown_campaigns.capture_folder(campaign, each), folder.root)
+    )
+    return campaign
 
 
 def _tag(*decisive: object) -> str:
@@ -119,7 +131,11 @@ def _unchanged(known: str | None, tag: str) -> Response | None:
 
 
 def _campaign_tag(campaign: CampaignFolder) -> str:
-    changed = (campaign.path / "campaign.json").stat().st_mtime_ns
+    try:
+        changed = (campaign.path / "campaign.json").stat().st_mtime_ns
+    except OSError as error:
+        msg = f"campaign {campaign.name!r} is not there any more"
+        raise MissingFileError(msg) from error
     return _tag(str(campaign.path), changed, campaign.numbers)
 
 
@@ -135,7 +151,7 @@ def list_campaigns(request: Request) -> Response:
     campaigns = []
     for name in folder.listing().campaigns:
         try:
-            campaigns.append(shown_campaigns.summary(name, folder.campaign(name)))
+            campaigns.append(shown_campaigns.summary(name, _campaign(request, name)))
         except (FileError, OSError):
             continue
     return answer({"campaigns": campaigns})
@@ -163,7 +179,7 @@ def capture_image(
     known: Known = None,
 ) -> Response:
     """Return a capture's image: PNG as it was kept, or JPEG of a smaller width."""
-    campaign = _campaign(request, name)
+    campaign = _campaign(request, name, number)
     tag = _capture_tag(campaign, number, width)
     if same := _unchanged(known, tag):
         return same
@@ -181,7 +197,7 @@ def capture_rings(request: Request, name: str, number: int, known: Known = None)
 
     Of a capture that was kept without observations the points are counted when it is first asked.
     """
-    campaign = _campaign(request, name)
+    campaign = _campaign(request, name, number)
     tag = _capture_tag(campaign, number)
     if same := _unchanged(known, tag):
         return same

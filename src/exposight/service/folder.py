@@ -46,6 +46,8 @@ _MOST_WARM = 8
 _HEAD = 400
 """Bytes of a JSON file in which its format is named, or it is none of ours."""
 
+_CAMPAIGN_FILES = ("campaign.json", "sensor.json", "features.csv", "captures")
+
 _logger = logging.getLogger(__name__)
 
 _Value = TypeVar("_Value")
@@ -84,6 +86,7 @@ class ServedFolder:
             raise MissingFileError(msg)
         self.root = Path(root).resolve()
         self._kept: dict[tuple[str, str], tuple[_Identity, Any]] = {}
+        self._unfinished: dict[Path, list[Path]] = {}
         self._lock = threading.Lock()
 
     # -- names ----------------------------------------------------------------------------------
@@ -111,6 +114,7 @@ class ServedFolder:
         try:
             kind = path.stat().st_mode
         except OSError as error:
+            self.check_there()
             msg = f"no {what} {name!r} in the served folder{self._alike(name)}"
             raise MissingFileError(msg) from error
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
@@ -119,25 +123,47 @@ class ServedFolder:
         return path
 
     def new(self, name: str, what: str = "file") -> Path:
-        """Return the path of something that is to be made in the folder; its parents are made.
+        """Return the path of something that is to be made in the folder; nothing is made yet.
 
         Raises
         ------
         InputError, MissingFileError
             As `inside`.
-        FileError
-            If its parent cannot be made.
         """
         if name in {"", "."}:
             msg = f"the {what} needs a name"
             raise InputError(msg)
-        path = self._resolved(name, what)
+        self.check_there()
+        return self._resolved(name, what)
+
+    def make_parent(self, path: Path) -> None:
+        """Make the folder in which something new is to be written.
+
+        Raises
+        ------
+        MissingFileError
+            If the served folder is not there any more.
+        FileError
+            If the disk refuses.
+        """
+        self.check_there()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            msg = f"{name!r} cannot be made: {error.strerror}"
+            msg = f"{self.name_of(path)!r} cannot be made: {error.strerror}"
             raise FileError(msg) from error
-        return path
+
+    def check_there(self) -> None:
+        """Check that the served folder is still there.
+
+        Raises
+        ------
+        MissingFileError
+            If it was removed, or moved away.
+        """
+        if not self.root.is_dir():
+            msg = "the served folder is not there any more: put it back, or serve another"
+            raise MissingFileError(msg)
 
     def name_of(self, path: Path) -> str:
         """Return the name of a path in the folder."""
@@ -159,6 +185,13 @@ class ServedFolder:
             raise MissingFileError(msg)
         return path
 
+    def _check_files(self, files: Iterable[Path]) -> None:
+        """Check that files which lie side by side with others do not lead out of the folder."""
+        for path in files:
+            if not leads_into(path, self.root):
+                msg = f"no file {self.name_of(path)!r} in the served folder: it leads out of it"
+                raise MissingFileError(msg)
+
     def _alike(self, name: str) -> str:
         parent = self.root / PurePosixPath(name).parent
         try:
@@ -177,17 +210,39 @@ class ServedFolder:
         ExposightError
             If they are not there, or not a quality and an exposure-time model.
         """
+        path, files = self._models(name)
+
+        def read() -> SensorModels:
+            self._check_files(files)
+            return SensorModels.load(path, target=target)
+
+        return self._keep(f"models of {target}", path, files, read)
+
+    def model_files(self, name: str) -> list[Path]:
+        """Return the files of models, each of which is there.
+
+        Raises
+        ------
+        ExposightError
+            If there are none.
+        """
+        _, files = self._models(name)
+        self._check_files(files)
+        return files
+
+    def _models(self, name: str) -> tuple[Path, list[Path]]:
         path = self.inside(name, "models")
         files = sorted(path.glob(f"*{MODEL_SUFFIX}")) if path.is_dir() else [path]
         if not files:
             msg = f"no models {name!r} in the served folder: expected *{MODEL_SUFFIX} files in it"
             raise MissingFileError(msg)
-        return self._keep(
-            f"models of {target}", path, files, lambda: SensorModels.load(path, target=target)
-        )
+        return path, files
 
     def campaign(self, name: str) -> Campaign:
         """Return a campaign, with the captures that it has now.
+
+        Captures without capture.json are not finished; they and those that lead out of the folder
+        are left out.
 
         Raises
         ------
@@ -198,9 +253,36 @@ class ServedFolder:
         if not (path / "campaign.json").is_file():
             msg = f"no campaign {name!r} in the served folder{self._alike(name)}"
             raise MissingFileError(msg)
+        return self._keep("campaign", path, self._deciding(path), lambda: self._opened(path))
+
+    def captures(self, name: str) -> Path:
+        """Return the path of a campaign, a capture's folder or a table whose files are all inside.
+
+        Raises
+        ------
+        ExposightError
+            If it is not there, or a file of it leads out of the folder.
+        """
+        path = self.inside(name, "captures")
+        if path.is_dir():
+            entries = [*path.iterdir(), *path.glob("captures/*"), *path.glob("captures/*/*")]
+            self._check_files(each for each in entries if each.is_symlink())
+        return path
+
+    def _opened(self, path: Path) -> Campaign:
+        self._check_files(path / each for each in _CAMPAIGN_FILES if (path / each).exists())
+        campaign = open_campaign(path)
+        folders = {number: path / "captures" / f"{number:06d}" for number in campaign.numbers}
+        whole = [number for number, each in folders.items() if is_whole_capture(each, self.root)]
+        self._unfinished[path] = [folders[each] for each in {*folders} - {*whole}]
+        campaign.numbers = tuple(whole)
+        return campaign
+
+    def _deciding(self, path: Path) -> list[Path]:
+        """Return whose change means that a campaign is to be read again."""
         captures = path / "captures"  # its time changes with every capture
-        files = [path / "campaign.json", *([captures] if captures.is_dir() else [])]
-        return self._keep("campaign", path, files, lambda: open_campaign(path))
+        there = [captures] if captures.is_dir() else []
+        return [path / "campaign.json", *there, *self._unfinished.get(path, ())]
 
     def view_poses(self, name: str) -> Mapping[str, RigidTransform]:
         """Return camera_from_part of the views that a campaign was measured from, by their name.
@@ -211,11 +293,10 @@ class ServedFolder:
             As `campaign`.
         """
         path, campaign = self.inside(name, "campaign"), self.campaign(name)
-        captures = path / "captures"
         return self._keep(
             "poses",
             path,
-            [path / "campaign.json", *([captures] if captures.is_dir() else [])],
+            self._deciding(path),
             lambda: {each.view: each.camera_from_part for each in campaign.descriptions()},
         )
 
@@ -311,7 +392,14 @@ class ServedFolder:
     # -- listing --------------------------------------------------------------------------------
 
     def listing(self) -> Listing:
-        """Return what the folder has, as far as its files' names and first bytes tell."""
+        """Return what the folder has, as far as its files' names and first bytes tell.
+
+        Raises
+        ------
+        MissingFileError
+            If the folder is not there any more.
+        """
+        self.check_there()
         found: dict[str, list[str]] = {name: [] for name in Listing.__dataclass_fields__}
         for folder, names in self._walk():
             place = self.name_of(folder)
@@ -371,8 +459,27 @@ def check_name(name: str, what: str) -> None:
         raise InputError(msg)
 
 
+def leads_into(path: Path, root: Path) -> bool:
+    """Tell whether something lies in a folder, links followed."""
+    return Path(os.path.realpath(path)).is_relative_to(root)
+
+
+def is_whole_capture(folder: Path, root: Path) -> bool:
+    """Tell whether a capture's folder is finished, and it and all its files lie in a folder."""
+    try:
+        entries = list(os.scandir(folder))
+    except OSError:
+        return False
+    linked = [Path(each.path) for each in entries if each.is_symlink()]
+    finished = any(each.name == "capture.json" and each.is_file() for each in entries)
+    return finished and all(leads_into(each, root) for each in (folder, *linked))
+
+
 def _identity(path: Path) -> tuple[int, int, int]:
-    about = path.stat()
+    try:
+        about = path.stat()
+    except OSError:  # it was removed just now; who reads it says so
+        return 0, 0, 0
     return about.st_mtime_ns, about.st_size, about.st_ino
 
 

@@ -8,10 +8,10 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 
 from exposight import __version__
-from exposight.errors import ExposightError
+from exposight.errors import ExposightError, MissingFileError
 from exposight.service.answers import EXAMPLES
 from exposight.service.faults import answer, fault_answers
-from exposight.service.folder import ServedFolder
+from exposight.service.folder import Listing, ServedFolder
 
 router = APIRouter(tags=["listings"])
 
@@ -26,10 +26,13 @@ def health(request: Request) -> Response:
     """Return that the service is there, its version, and how much it serves."""
     state = request.app.state
     folder: ServedFolder = state.folder
-    listing = vars(folder.listing())
+    try:
+        status, listing = "ok", vars(folder.listing())
+    except MissingFileError:
+        status, listing = "folder missing", vars(Listing())
     return answer(
         {
-            "status": "ok",
+            "status": status,
             "version": __version__,
             "uptime_s": time.time() - state.started,
             "warm": state.warm,

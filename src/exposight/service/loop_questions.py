@@ -75,12 +75,14 @@ class NextQuestion(PartAndSensor, CaptureAbout):
             msg = f"a loop's name has letters, digits, . _ - and blanks, got {self.loop[:110]!r}"
             raise InputError(msg)
         path = folder.new(f"{LOOPS}/{self.loop}.json", "loop")
+        state = self._first_state(path, folder, limits)
+        folder.make_parent(path)  # only now, so that what cannot be leaves no lock
         try:
             with loop_step(path) as there, upload_folder() as place:
-                step = self._begun(path, there, folder, limits)
+                step = self._begun(path, there, state)
                 before = len(step.decisions)
                 for name in self.captures:
-                    step.feed(folder.inside(name, "captures"))
+                    step.feed(folder.captures(name))
                 if self.observations is not None:
                     step.feed(_as_table(self.observations, place))
                 if upload is not None:
@@ -92,22 +94,26 @@ class NextQuestion(PartAndSensor, CaptureAbout):
             raise RequestError(409, msg) from error
         return _document(step, request, before, self.unit)
 
-    def _begun(
-        self, path: Path, there: LoopStep | None, folder: ServedFolder, limits: Limits
-    ) -> LoopStep:
+    def _first_state(self, path: Path, folder: ServedFolder, limits: Limits) -> LoopState | None:
+        """Return the state that the request begins a loop with; None where it goes on with one."""
+        begins = (self.plan, self.campaign, self.features, self.sensor)
+        if any(each is not None for each in begins):
+            return self._state(folder, limits)
+        if not path.is_file():
+            raise self._unknown()
+        return None
+
+    def _unknown(self) -> MissingFileError:
+        msg = f"no loop {self.loop!r} yet; begin it with plan, models and campaign"
+        return MissingFileError(msg)
+
+    def _begun(self, path: Path, there: LoopStep | None, state: LoopState | None) -> LoopStep:
         """Return the loop at its state, or a new one."""
-        begins = any(
-            each is not None for each in (self.plan, self.campaign, self.features, self.sensor)
-        )
-        if there is None and not begins:
-            msg = f"no loop {self.loop!r} yet; begin it with plan, models and campaign"
-            raise MissingFileError(msg)
-        if not begins and there is not None:
-            return there
-        state = self._state(folder, limits)
         if there is None:
+            if state is None:  # it was removed just now
+                raise self._unknown()
             return LoopStep(path, state)
-        if state != there.state.begun:
+        if state is not None and state != there.state.begun:
             msg = (
                 f"{self.loop!r} is another loop; leave out plan and what belongs to it to go on "
                 "with that, or give another name"

@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field
 from exposight.errors import InputError, LockedError
 from exposight.files import hold_writer_lock, write_durably
 from exposight.geometry import RigidTransform
-from exposight.models import P_NORM_MIN, WindowModel
+from exposight.models import MODEL_SUFFIX, P_NORM_MIN, WindowModel
 from exposight.planning import (
     CONFIDENCE,
     ExposureLimits,
@@ -36,9 +36,16 @@ from exposight.service.bodies import (
 from exposight.service.faults import RequestError
 from exposight.service.folder import ServedFolder
 from exposight.service.guard import Limits
+from exposight.service.loop_questions import LOOPS
+from exposight.service.runs import RUNS
 
 _SPARE_S = 5.0
 """Of a request's time that a plan's search leaves to forecasts."""
+
+_NAMES_TAKEN = frozenset(
+    {"campaign.json", "capture.json", "sensor.json", "part.json", "run.json", "state.json"}
+)
+"""Names, in lower case, by which other things are known; a plan of one would pass for them."""
 
 _MODELS = Field(
     max_length=255,
@@ -312,6 +319,7 @@ class PlanQuestion(PartAndSensor, ExposureWishes):
             time_limit_s=min(self.time_limit_s, max(1.0, limits.request_s - _SPARE_S)),
         )
         if path is not None:
+            folder.make_parent(path)
             _write_new(path, planned, self.save_as or "")
         return {
             "verdict": planned.verdict,
@@ -355,9 +363,31 @@ def _new_plan(folder: ServedFolder, name: str) -> Path:
         msg = f"an exposure plan is a .json file; got the name {name!r}"
         raise InputError(msg)
     path = folder.new(name, "exposure plan")
+    if reason := _not_for_plans(folder, path):
+        msg = f"{name!r} cannot hold an exposure plan: {reason}; name one such as plans/new.json"
+        raise InputError(msg)
     if path.exists():
         raise _taken(name)
     return path
+
+
+def _not_for_plans(folder: ServedFolder, path: Path) -> str:
+    """Return why a place belongs to something else than plans; empty where it does not."""
+    steps = folder.name_of(path).lower().split("/")
+    if len(steps) > 1 and steps[0] in {LOOPS, RUNS}:
+        return f"{steps[0]}/ is the server's"
+    if any(each.startswith(".") for each in steps):
+        return "what begins with a dot is not listed"
+    if steps[-1] in _NAMES_TAKEN:
+        return f"{steps[-1]} is the name of something else"
+    for parent in path.parents:
+        if not parent.is_relative_to(folder.root):
+            break
+        if (parent / "campaign.json").exists():
+            return "it is within a campaign"
+        if parent != folder.root and any(parent.glob(f"*{MODEL_SUFFIX}")):
+            return "it is among models"
+    return ""
 
 
 def _write_new(path: Path, planned: ExposurePlan, name: str) -> None:

@@ -9,11 +9,11 @@ import tempfile
 from pathlib import Path
 
 from exposight.cell import CampaignFolder
-from exposight.errors import ExposightError
+from exposight.errors import ExposightError, MissingFileError
 from exposight.files import KeptFiles, make_folder
 from exposight.leash import leashed
 from exposight.measuring.view_work import campaign_rows
-from exposight.models import MODEL_SUFFIX, load_model
+from exposight.models import load_model
 from exposight.observing import ObservationTable, parse_observations
 from exposight.report import campaign_report
 from exposight.service.faults import RequestError
@@ -42,15 +42,15 @@ def report_page(run: RunFolder, served: ServedFolder, limit_s: float) -> bytes:
     if not (run.campaign / "campaign.json").is_file():
         msg = f"there is no report of run {run.name!r} yet: nothing was captured"
         raise RequestError(409, msg)
-    request, numbers = run.request, CampaignFolder(run.campaign).numbers
-    models = [] if request.models is None else _model_files(served.inside(request.models))
-    about = [f"{path} {path.stat().st_mtime_ns}" for path in models]
+    request, numbers = run.request, served.campaign(served.name_of(run.campaign)).numbers
+    models = [] if request.models is None else served.model_files(request.models)
+    about = [f"{path} {_changed(path)}" for path in models]
     kept = KeptFiles(make_folder(run.path / "report"), *about, *map(str, numbers))
     if path := kept.find(_PAGE):
         return path.read_bytes()
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / _PAGE
-        _make(run, models, page, limit_s)
+        _make(run, served.root, models, page, limit_s)
         data = page.read_bytes()
     for older in (run.path / "report").glob("report-*"):
         older.unlink(missing_ok=True)
@@ -58,14 +58,18 @@ def report_page(run: RunFolder, served: ServedFolder, limit_s: float) -> bytes:
     return data
 
 
-def _model_files(path: Path) -> list[Path]:
-    return sorted(path.glob(f"*{MODEL_SUFFIX}")) if path.is_dir() else [path]
+def _changed(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError as error:
+        msg = f"the model {path.name} is not there any more"
+        raise MissingFileError(msg) from error
 
 
-def _make(run: RunFolder, models: list[Path], page: Path, limit_s: float) -> None:
+def _make(run: RunFolder, root: Path, models: list[Path], page: Path, limit_s: float) -> None:
     try:
         made = subprocess.run(
-            leashed(__file__, str(run.path), str(page), *map(str, models)),
+            leashed(__file__, str(run.path), str(page), str(root), *map(str, models)),
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=limit_s,
@@ -84,10 +88,11 @@ def _make(run: RunFolder, models: list[Path], page: Path, limit_s: float) -> Non
         raise RequestError(409, msg)
 
 
-def main(run: str, page: str, *models: str) -> None:
+def main(run: str, page: str, root: str, *models: str) -> None:
     """Write the page about a run's campaign; why there is none is the last line of the errors."""
     folder = RunFolder(Path(run))
-    campaign = CampaignFolder(folder.campaign)
+    served = ServedFolder(Path(root))
+    campaign = served.campaign(served.name_of(folder.campaign))
     source: CampaignFolder | ObservationTable = campaign
     if not folder.request.clouds:
         source = parse_observations(campaign_rows(campaign), f"observations of run {folder.name}")

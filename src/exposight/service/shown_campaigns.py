@@ -49,7 +49,12 @@ def description(campaign: CampaignFolder, number: int) -> CaptureDescription:
         If it is not there, or damaged.
     """
     folder = capture_folder(campaign, number)
-    return _description(folder, (folder / "capture.json").stat().st_mtime_ns)
+    try:
+        changed = (folder / "capture.json").stat().st_mtime_ns
+    except OSError as error:
+        msg = f"campaign {campaign.name!r} has no capture {number} any more"
+        raise MissingFileError(msg) from error
+    return _description(folder, changed)
 
 
 @lru_cache(maxsize=20_000)
