@@ -169,3 +169,33 @@ def test_a_matrix_that_is_no_pose(client, rows):
     for path in ("/v1/recommend", "/v1/forecast"):
         got = client.post(path, json={**ABOUT, "camera_from_part": rows})
         assert got.status_code == 422, got.text
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "words", "keys"),
+    [
+        (
+            "/v1/recommend",
+            {"models": "models", "robot_pose": {"notation": "fanuk", "text": "1"}},
+            "did you mean 'fanuc'",
+            ["robot_pose.notation"],
+        ),
+        (
+            "/v1/runs",
+            {"name": "x", "plan": "p", "driver": {"kind": "simulated", "lamp": 1}},
+            "key 'driver.lamp' is unknown",
+            ["driver.lamp"],
+        ),
+        (
+            "/v1/runs",
+            {"name": "x", "plan": "p", "driver": {}},
+            "driver needs its kind: simulated, replay, genicam or rc_visard",
+            ["driver"],
+        ),
+    ],
+)
+def test_keys_are_named_as_the_body_has_them(client, path, body, words, keys):
+    got = client.post(path, json=body)
+    assert got.status_code == 422
+    assert words in got.json()["error"]
+    assert got.json()["facts"]["keys"] == keys

@@ -53,7 +53,7 @@ class Body(BaseModel):
 class RobotPose(Body):
     """A pose as a robot writes it."""
 
-    notation: PoseNotation | Literal["printed"] = Field(
+    notation: Literal[PoseNotation, "printed"] = Field(
         description="Whose notation: fanuc and kuka in mm and degrees, abb in mm with the scalar "
         "part first, ur in m and rad, …; printed for text that tells it itself.",
         examples=["fanuc"],
