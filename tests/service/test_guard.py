@@ -68,7 +68,7 @@ def test_pages_of_other_origins_are_not_answered(client, headers):
         b'{"models": NaN}',
         b'{"models": Infinity}',
         b'{"models": "a", "models": "b"}',
-        b'{"models": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+        b'{"models": ' + b"[" * 10_000 + b"]" * 10_000 + b"}",
         b'{"models": ' + b"[" * 150 + b"]" * 150 + b"}",
         b'{"confidence": 1e309}',
         b'{"most_per_view": ' + b"9" * 5000 + b"}",
@@ -105,9 +105,9 @@ def test_head_is_answered_as_get_is(client):
     [
         ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 2_600_000 + b"{}]}", 413),
         ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 6_000_000 + b"{}]}", 413),
-        ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 490_000 + b"{}]}", 422),
-        ("/v1/next", b'{"loop": "door", "observations": [' + b"[]," * 490_000 + b"{}]}", 422),
-        ("/v1/next", b'{"loop": "door", "observations": [{' + _keys(490_000, b"[]") + b"}]}", 422),
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 490_000 + b"{}]}", 413),
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"[]," * 19_990 + b"{}]}", 422),
+        ("/v1/next", b'{"loop": "door", "observations": [{' + _keys(490_000, b"0") + b"}]}", 422),
         ("/v1/next", b'{"loop": "door", "captures": [' + b"1," * 490_000 + b"1]}", 422),
         ("/v1/next", b'{"camera_from_part": [[' + b'"",' * 490_000 + b"1]]}", 422),
         ("/v1/recommend", b"{" + _keys(150_000, b"0") + b"}", 422),
@@ -119,7 +119,7 @@ def test_head_is_answered_as_get_is(client):
 def test_no_body_in_json_keeps_the_server_long(client, path, body, status):
     begun = time.process_time()
     got = client.post(path, content=body, headers=JSON)
-    assert time.process_time() - begun < 2.0
+    assert time.process_time() - begun < 1.5
     assert got.status_code == status
     assert len(got.content) < 10_000
 

@@ -40,8 +40,9 @@ class Limits:
         Size of a body, uploads included.
     json_bytes, rows_bytes : int
         Size of a body in JSON, and of one that may hold observations.
-    json_values : int
-        Values in a body in JSON, counted by its commas before it is parsed.
+    json_values, json_objects : int
+        Values in a body in JSON, and objects and lists among them, counted by its commas and
+        brackets before it is parsed.
     path_chars : int
         Length of a path with its query.
     pixels : int
@@ -62,6 +63,7 @@ class Limits:
     json_bytes: int = 2_000_000
     rows_bytes: int = 8_000_000
     json_values: int = 500_000
+    json_objects: int = 20_000
     path_chars: int = 2048
     pixels: int = 50_000_000
     points: int = 50_000_000

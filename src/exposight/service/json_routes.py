@@ -46,8 +46,12 @@ async def beside(
 
 def parsed_body(body: bytes, limits: Limits) -> dict[str, Any]:
     """Return the object in a body, or raise an `HTTPException` that says why it is none."""
-    if body.count(b",") > limits.json_values:  # far cheaper than to parse them
-        msg = f"the body has more than {limits.json_values} values, the most that are taken"
+    n_values, n_objects = body.count(b","), body.count(b"{") + body.count(b"[")
+    if n_values > limits.json_values or n_objects > limits.json_objects:
+        msg = (
+            f"the body has more than {limits.json_values} values, or {limits.json_objects} objects "
+            "and lists, which are the most that are taken"
+        )
         raise HTTPException(413, msg)
     try:
         return parse_json(body.decode("utf-8"), "the body")
