@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from exposight.cell import MemoryCampaign, write_cloud
+from exposight.cell.cloud_archive import npz_of
 from exposight.geometry import RigidTransform
 from exposight.measuring import loop_step
 from exposight.observing import observe_campaign, open_campaign
@@ -108,6 +109,35 @@ def test_parts_that_are_missing_or_too_many(client, about, capture_files):
     assert observe(client, {**about, "exposure": 1}, files).status_code == 422
     lacking = {key: value for key, value in about.items() if key != "exposure_ms"}
     assert "exposure_ms" in observe(client, lacking, files).json()["error"]
+
+
+def test_a_missing_part_is_an_input_error(client, about, capture_files):
+    files = parts(capture_files)
+    for got in (
+        client.post("/v1/observe", files=files),
+        observe(client, about, {"image": files["image"]}),
+    ):
+        assert (got.status_code, got.json()["kind"]) == (422, "InputError")
+
+
+def test_what_an_npz_cloud_tells_itself_is_refused(client, about, capture_files, capture_of):
+    files = parts(capture_files, cloud=("c.npz", npz_of(capture_of("v1", 8.0).cloud)))
+    assert observe(client, about, files).status_code == 200
+    for form in ({"cloud_unit": "m"}, {"cloud_axes": ["x", "-y", "-z"]}, {"depth_scale_mm": 0.1}):
+        got = observe(client, {**about, "files": form}, files)
+        assert got.status_code == 422
+        assert f"files.{next(iter(form))}" in got.json()["error"]
+
+
+@pytest.mark.parametrize(
+    "extra", [{"exposure_ms": 8.0}, {"view": "v1"}, {"files": {"cloud_unit": "mm"}}]
+)
+def test_what_is_of_a_capture_needs_one(served, asking, extra):
+    with asking(served) as client:
+        got = client.post("/v1/next", json={"loop": "plate", **BEGIN, **extra})
+        assert got.status_code == 422
+        assert "image and cloud are missing" in got.json()["error"]
+        assert not (served / "loops" / "plate.json").exists()
 
 
 def _files_of(capture):

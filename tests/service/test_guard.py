@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 
 import pytest
 
@@ -13,6 +14,10 @@ JSON = {"Content-Type": "application/json"}
 ABOUT = {"models": "models", "campaign": "campaign", "view": "v1"}
 PLAN = {"models": "models", "campaign": "campaign"}
 TOKEN = "a-token-of-enough-characters"
+
+
+def _keys(number, value):
+    return b", ".join(b'"k%d":%s' % (each, value) for each in range(number))
 
 
 def test_a_token_is_needed_where_there_is_one(original, asking):
@@ -64,7 +69,7 @@ def test_pages_of_other_origins_are_not_answered(client, headers):
         b'{"models": NaN}',
         b'{"models": Infinity}',
         b'{"models": "a", "models": "b"}',
-        b'{"models": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+        b'{"models": ' + b"[" * 10_000 + b"]" * 10_000 + b"}",
         b'{"models": ' + b"[" * 150 + b"]" * 150 + b"}",
         b'{"confidence": 1e309}',
         b'{"most_per_view": ' + b"9" * 5000 + b"}",
@@ -77,6 +82,47 @@ def test_json_that_is_none(client, path, body):
     assert got.status_code == 422, got.text[:200]
     assert set(got.json()) == {"error", "kind", "facts"}
     assert len(got.content) < 2000
+
+
+@pytest.mark.parametrize(
+    "name", ["Host", "Origin", "Sec-Fetch-Site", "Authorization", "Content-Length"]
+)
+def test_headers_that_decide_are_there_once(client, name):
+    value = {"Host": "127.0.0.1", "Content-Length": "0"}.get(name, "none")
+    got = client.get("/v1/health", headers=[(name, value), (name, value)])
+    assert got.status_code == 400
+    assert name.lower() in got.json()["error"]
+
+
+def test_head_is_answered_as_get_is(client):
+    got = client.head("/v1/health")
+    assert (got.status_code, got.content) == (200, b"")
+    assert client.head("/v1/recommend").status_code == 405
+    assert client.head("/nothing").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status"),
+    [
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 2_600_000 + b"{}]}", 413),
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 6_000_000 + b"{}]}", 413),
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"{}," * 490_000 + b"{}]}", 413),
+        ("/v1/next", b'{"loop": "door", "observations": [' + b"[]," * 19_990 + b"{}]}", 422),
+        ("/v1/next", b'{"loop": "door", "observations": [{' + _keys(490_000, b"0") + b"}]}", 422),
+        ("/v1/next", b'{"loop": "door", "captures": [' + b"1," * 490_000 + b"1]}", 422),
+        ("/v1/next", b'{"camera_from_part": [[' + b'"",' * 490_000 + b"1]]}", 422),
+        ("/v1/recommend", b"{" + _keys(150_000, b"0") + b"}", 422),
+        ("/v1/recommend", b"{" + _keys(150_000, b"0") + b', "k149999": 0}', 422),
+        ("/v1/recommend", b"{" + _keys(200_000, b"0") + b"}", 413),
+        ("/v1/plan", b'{"views": [' + b"1," * 510_000 + b"1]}", 413),
+    ],
+)
+def test_no_body_in_json_keeps_the_server_long(client, path, body, status):
+    begun = time.process_time()
+    got = client.post(path, content=body, headers=JSON)
+    assert time.process_time() - begun < 1.5
+    assert got.status_code == status
+    assert len(got.content) < 10_000
 
 
 def test_other_types_of_bodies_paths_and_methods(client):

@@ -193,3 +193,33 @@ def test_a_plan_that_fails_leaves_no_folder(served, asking):
         body = {**ABOUT, "models": "nothing", "save_as": "zz/z.json"}
         assert client.post("/v1/plan", json=body).status_code == 404
     assert not (served / "zz").exists()
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "words", "keys"),
+    [
+        (
+            "/v1/recommend",
+            {"models": "models", "robot_pose": {"notation": "fanuk", "text": "1"}},
+            "did you mean 'fanuc'",
+            ["robot_pose.notation"],
+        ),
+        (
+            "/v1/runs",
+            {"name": "x", "plan": "p", "driver": {"kind": "simulated", "lamp": 1}},
+            "key 'driver.lamp' is unknown",
+            ["driver.lamp"],
+        ),
+        (
+            "/v1/runs",
+            {"name": "x", "plan": "p", "driver": {}},
+            "driver needs its kind: simulated, replay, genicam or rc_visard",
+            ["driver"],
+        ),
+    ],
+)
+def test_keys_are_named_as_the_body_has_them(client, path, body, words, keys):
+    got = client.post(path, json=body)
+    assert got.status_code == 422
+    assert words in got.json()["error"]
+    assert got.json()["facts"]["keys"] == keys

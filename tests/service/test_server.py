@@ -177,6 +177,20 @@ def test_a_client_that_never_sends_its_headers_is_left(address):
         assert client.recv(1000) == b""
 
 
+def test_a_header_without_end_is_not_taken(address):
+    with raw(address) as client:
+        client.sendall(b"GET /v1/health HTTP/1.1\r\nHost: localhost\r\nX: ")
+        sent = 0
+        with contextlib.suppress(ConnectionError):
+            while sent < 5_000_000:
+                sent += client.send(b"a" * 10_000)
+                time.sleep(0.001)
+        assert sent < 5_000_000
+    with raw(address) as client:
+        client.sendall(b"GET /v1/health HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 65_536)
+        assert client.recv(1000).startswith(b"HTTP/1.1 431 ")
+
+
 def test_clients_that_leave_in_the_middle_do_no_harm(address):
     for _ in range(5):
         with raw(address) as client:
@@ -222,6 +236,15 @@ def test_the_client_raises_what_the_library_raises(address, capture_files, captu
     unreachable = pytest.raises(ServiceError, match="is the server running")
     with Client("http://127.0.0.1:9", timeout_s=2.0) as client, unreachable:
         client.health()
+
+
+def test_the_client_sends_neither_files_that_are_missing_nor_poses_that_are_none(tmp_path):
+    with Client("http://127.0.0.1:9") as client:
+        with pytest.raises(MissingFileError, match="image"):
+            client.observe(tmp_path / "none.png", tmp_path / "none.ply", campaign="campaign")
+        for number in (float("nan"), float("inf")):
+            with pytest.raises(PoseError):
+                client.forecast("models", camera_from_part=[[number] * 4] * 4)
 
 
 def test_a_token_is_asked_for_by_every_worker(original, serving, tmp_path):

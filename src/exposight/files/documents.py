@@ -8,6 +8,7 @@ disk, such as a pose, says how it is written by `StoredAs`.
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Generic, TypeVar, cast
@@ -234,8 +235,8 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return an object whose keys are there once: of two values nobody knows which is meant."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        msg = f"key {next(key for key in keys if keys.count(key) > 1)!r} is there twice"
+        counts = Counter(key for key, _ in pairs)
+        msg = f"key {next(key for key, n in counts.items() if n > 1)!r} is there twice"
         raise InputError(msg)
     for key, value in pairs:
         if isinstance(value, float) and not math.isfinite(value):

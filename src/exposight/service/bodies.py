@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -28,6 +28,9 @@ POSE: list[Any] = [
     [0.0, 0.0, 0.0, 1.0],
 ]
 """A pose for examples."""
+
+_Row = Annotated[list[float], Field(max_length=16)]
+"""Of a matrix; one that is far too long is refused before its numbers are looked at."""
 
 _LONGEST_NAME = 255
 _FARTHEST_MM = 1e6
@@ -53,7 +56,7 @@ class Body(BaseModel):
 class RobotPose(Body):
     """A pose as a robot writes it."""
 
-    notation: PoseNotation | Literal["printed"] = Field(
+    notation: Literal[PoseNotation, "printed"] = Field(
         description="Whose notation: fanuc and kuka in mm and degrees, abb in mm with the scalar "
         "part first, ur in m and rad, …; printed for text that tells it itself.",
         examples=["fanuc"],
@@ -64,7 +67,7 @@ class RobotPose(Body):
 class Posed(Body):
     """Where the part stands."""
 
-    camera_from_part: list[list[float]] | None = Field(
+    camera_from_part: list[_Row] | None = Field(
         default=None,
         description="Pose of the part in the camera's frame, a 4×4 matrix in mm.",
         min_length=3,

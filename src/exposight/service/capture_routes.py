@@ -11,7 +11,8 @@ from pydantic import BaseModel, ValidationError
 from exposight.service.answers import EXAMPLES
 from exposight.service.computing import Computing
 from exposight.service.faults import answer, fault_answers
-from exposight.service.json_routes import check_media_type, parsed_body
+from exposight.service.guard import Limits
+from exposight.service.json_routes import beside, check_media_type, parsed_body
 from exposight.service.loop_questions import NextQuestion
 from exposight.service.observe_questions import ObserveQuestion
 from exposight.service.uploads import uploaded
@@ -79,7 +80,7 @@ async def observe(request: Request) -> Response:
     state = request.app.state
     computing: Computing = state.computing
     async with uploaded(request) as upload:
-        question = _validated(ObserveQuestion, upload.about)
+        question = await _validated(ObserveQuestion, upload.about, request)
         found = await computing.run(question.answer, upload, state.folder, state.limits)
     return answer(found)
 
@@ -108,16 +109,20 @@ async def next_capture(request: Request) -> Response:
     state = request.app.state
     computing: Computing = state.computing
     if check_media_type(request, _JSON, _MULTIPART) == _JSON:
-        question = _validated(NextQuestion, await request.body())
+        question = await _validated(NextQuestion, await request.body(), request)
         return answer(await computing.run(question.answer, None, state.folder, state.limits))
     async with uploaded(request) as upload:
-        question = _validated(NextQuestion, upload.about)
+        question = await _validated(NextQuestion, upload.about, request)
         return answer(await computing.run(question.answer, upload, state.folder, state.limits))
 
 
-def _validated(question: type[_Question], body: bytes) -> _Question:
+async def _validated(question: type[_Question], body: bytes, request: Request) -> _Question:
     """Return a question; raise as FastAPI does for bodies that it validates itself."""
-    try:
-        return question.model_validate(parsed_body(body))
-    except ValidationError as error:
-        raise RequestValidationError(error.errors()) from error
+
+    def parse(body: bytes, limits: Limits) -> _Question:
+        try:
+            return question.model_validate(parsed_body(body, limits))
+        except ValidationError as error:
+            raise RequestValidationError(error.errors(include_url=False)) from error
+
+    return await beside(request.app.state.computing, parse, body, request.app.state.limits)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 from urllib.parse import quote
 
 import httpx
 
 from exposight import errors
-from exposight.errors import AmbiguousError, ContradictionError, ExposightError
+from exposight.errors import (
+    AmbiguousError,
+    ContradictionError,
+    ExposightError,
+    MissingFileError,
+    PoseError,
+)
 from exposight.geometry import RigidTransform
 
 _Pose = RigidTransform | Sequence[Sequence[float]]
@@ -264,7 +271,7 @@ class Client:
     ) -> dict[str, Any]:
         with ExitStack() as stack:
             files = {
-                name: (file.name, stack.enter_context(file.open("rb")))
+                name: (file.name, stack.enter_context(_opened(file, name)))
                 for name, file in (("image", image), ("cloud", cloud))
             }
             about = {"about": json.dumps(body)}
@@ -293,7 +300,19 @@ def _body(about: Mapping[str, Any], models: str | None, pose: _Pose | None) -> d
 
 def _matrix(pose: _Pose) -> list[list[float]]:
     rows = pose.to_matrix() if isinstance(pose, RigidTransform) else pose
-    return [list(map(float, row)) for row in rows]
+    matrix = [list(map(float, row)) for row in rows]
+    if not all(math.isfinite(each) for row in matrix for each in row):
+        msg = f"a pose has finite numbers, got {matrix}"
+        raise PoseError(msg)
+    return matrix
+
+
+def _opened(file: Path, what: str) -> BinaryIO:
+    try:
+        return file.open("rb")
+    except OSError as error:
+        msg = f"cannot read the {what} {file}: {error.strerror}"
+        raise MissingFileError(msg) from error
 
 
 def _parsed(response: httpx.Response) -> dict[str, Any]:

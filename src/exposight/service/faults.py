@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
@@ -22,6 +23,7 @@ from exposight.errors import (
     ExposightError,
     MissingFileError,
     OutOfMemoryError,
+    did_you_mean,
     first_ten,
 )
 
@@ -41,6 +43,12 @@ _KINDS = {
     429: "TooBusy",
 }
 """Kinds of faults that no error of the library stands for."""
+
+_MOST_ERRORS = 100
+"""Errors of a body that are looked at."""
+
+_DRIVERS = ("simulated", "replay", "genicam", "rc_visard")
+"""Kinds of drivers, which pydantic names in the place of an error."""
 
 _LONGEST_INPUT = 60
 """Characters of a value that a message quotes."""
@@ -90,7 +98,7 @@ class Fault(BaseModel):
 
 
 _MEANINGS = {
-    400: "The body is no multipart form.",
+    400: "The body is no multipart form, or a header is there twice.",
     401: "The token is missing or wrong.",
     403: "The request comes from a page of another origin, or names another host.",
     404: "Nothing of that name is in the served folder.",
@@ -207,8 +215,9 @@ def _http_message(request: Request, error: HTTPException) -> str:
 
 def _validation_message(errors: Sequence[Any]) -> tuple[str, dict[str, object]]:
     """Return what is wrong with a body's keys in words, and the keys."""
-    faults = [_validation_fault(each) for each in errors]
-    keys = list(dict.fromkeys(_key(each["loc"]) for each in errors))
+    shown = errors[:_MOST_ERRORS]
+    faults = [_validation_fault(each) for each in shown]
+    keys = list(dict.fromkeys(_key(each["loc"]) for each in shown))
     return first_ten(faults), {"keys": keys}
 
 
@@ -219,11 +228,25 @@ def _validation_fault(error: Mapping[str, Any]) -> str:
     if kind == "unknown_key":
         inner = f"{key}.{context['key']}".removeprefix(".")
         return f"key {inner!r} is unknown{context['hint']}"
-    got = repr(error.get("input"))
+    if kind == "extra_forbidden":
+        return f"key {key!r} is unknown"
+    if kind == "union_tag_not_found":
+        return f"{key} needs its kind: {', '.join(_DRIVERS[:-1])} or {_DRIVERS[-1]}"
+    got = _quoted(error.get("input"))
     shown = got if len(got) <= _LONGEST_INPUT else f"{got[:_LONGEST_INPUT]}…"
     words = error["msg"].removeprefix("Value error, ")
     words = words[:1].lower() + words[1:]
-    return f"key {key!r}: {words}, got {shown}"
+    hint = ""
+    if kind == "literal_error" and isinstance(error["input"], str):
+        hint = did_you_mean(error["input"][:_LONGEST_INPUT], re.findall("'(.*?)'", words))
+    return f"key {key!r}: {words}, got {shown}{hint}"
+
+
+def _quoted(value: Any) -> str:
+    """Return a value as a message quotes it, without writing out a large one."""
+    if isinstance(value, list | dict) and len(value) > _LONGEST_INPUT:
+        return f"{type(value).__name__} of {len(value)}"
+    return repr(value)
 
 
 def _key(place: Sequence[str | int]) -> str:
@@ -231,6 +254,8 @@ def _key(place: Sequence[str | int]) -> str:
     key = ""
     for step in place:
         if step in {"body", "query", "path"} and not key:
+            continue
+        if key == ".driver" and step in _DRIVERS:
             continue
         key += f"[{step}]" if isinstance(step, int) else f".{step}"
     return key.removeprefix(".")

@@ -21,7 +21,13 @@ from exposight.service.faults import fault
 LEAST_TOKEN = 16
 """Characters of a token."""
 
+TAKES_ROWS = "/v1/next"
+"""Path whose bodies may hold the rows of an observation table."""
+
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
+
+_SENT_ONCE = {b"host", b"origin", b"sec-fetch-site", b"authorization", b"content-length"}
+"""Headers by which it is decided who is answered: of two nobody knows which is meant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +38,11 @@ class Limits:
     ----------
     body_bytes : int
         Size of a body, uploads included.
+    json_bytes, rows_bytes : int
+        Size of a body in JSON, and of one that may hold observations.
+    json_values, json_objects : int
+        Values in a body in JSON, and objects and lists among them, counted by its commas and
+        brackets before it is parsed.
     path_chars : int
         Length of a path with its query.
     pixels : int
@@ -49,6 +60,10 @@ class Limits:
     """
 
     body_bytes: int = 64_000_000
+    json_bytes: int = 2_000_000
+    rows_bytes: int = 8_000_000
+    json_values: int = 500_000
+    json_objects: int = 20_000
     path_chars: int = 2048
     pixels: int = 50_000_000
     points: int = 50_000_000
@@ -82,17 +97,32 @@ class Guard:
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
             headers = dict(scope["headers"])
-            refused = self._refusal(scope, headers)
+            most_bytes = self._most_bytes(scope["path"], headers)
+            refused = self._refusal(scope, headers, most_bytes)
             if refused is None:
-                body = _LimitedBody(receive, self._limits)
-                await self._app(scope, body.receive, send)
+                body = _LimitedBody(receive, self._limits.request_s, most_bytes)
+                await self._app(_as_get(scope), body.receive, send)
             else:
                 await fault(*refused)(scope, receive, send)
         else:
             await send({"type": "websocket.close", "code": 1008})
 
-    def _refusal(self, scope: Scope, headers: dict[bytes, bytes]) -> tuple[int, str, str] | None:
+    def _most_bytes(self, path: str, headers: dict[bytes, bytes]) -> int:
+        """Return how large a request's body may be: uploads are larger than what is parsed."""
+        limits = self._limits
+        if headers.get(b"content-type", b"").lower().startswith(b"multipart/"):
+            return limits.body_bytes
+        parsed = limits.rows_bytes if path == TAKES_ROWS else limits.json_bytes
+        return min(parsed, limits.body_bytes)
+
+    def _refusal(
+        self, scope: Scope, headers: dict[bytes, bytes], most_bytes: int
+    ) -> tuple[int, str, str] | None:
         """Return why a request is not answered: status, kind and message."""
+        names = [name for name, _ in scope["headers"] if name in _SENT_ONCE]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1).decode()
+            return 400, "InputError", f"the header {twice} is there more than once"
         length = len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"")
         if length > self._limits.path_chars:
             most = self._limits.path_chars
@@ -106,13 +136,20 @@ class Guard:
             return 403, "Forbidden", message
         if not _same_origin(headers):
             return 403, "Forbidden", "the request comes from a page of another origin"
-        return self._too_large(headers)
-
-    def _too_large(self, headers: dict[bytes, bytes]) -> tuple[int, str, str] | None:
         announced = headers.get(b"content-length", b"")
-        if announced.isdigit() and int(announced) > self._limits.body_bytes:
-            return 413, "TooLarge", _too_large_message(self._limits)
+        if announced.isdigit() and int(announced[:20]) > most_bytes:
+            return 413, "TooLarge", _too_large_message(most_bytes)
         return None
+
+
+def _as_get(scope: Scope) -> Scope:
+    """Return a HEAD as the GET that it asks about; the server leaves out the answer's body.
+
+    An endless stream has no answer whose length could be told.
+    """
+    if scope["method"] != "HEAD" or scope["path"].endswith("/stream"):
+        return scope
+    return {**scope, "method": "GET"}
 
 
 def is_open(path: str) -> bool:
@@ -145,15 +182,15 @@ def _same_origin(headers: dict[bytes, bytes]) -> bool:
         return False
 
 
-def _too_large_message(limits: Limits) -> str:
-    return f"the body has more than {limits.body_bytes / 1e6:g} MB, which is the most that is taken"
+def _too_large_message(most_bytes: int) -> str:
+    return f"the body has more than {most_bytes / 1e6:g} MB, which is the most that is taken"
 
 
 class _LimitedBody:
     """A body as it arrives, up to a size and within a time."""
 
-    def __init__(self, receive: Receive, limits: Limits) -> None:
-        self._receive, self._limits = receive, limits
+    def __init__(self, receive: Receive, request_s: float, most_bytes: int) -> None:
+        self._receive, self._request_s, self._most_bytes = receive, request_s, most_bytes
         self._bytes, self._complete = 0, False
         self._deadline: float | None = None
 
@@ -169,15 +206,16 @@ class _LimitedBody:
             return await self._receive()
         loop = asyncio.get_running_loop()
         if self._deadline is None:
-            self._deadline = loop.time() + self._limits.request_s
+            self._deadline = loop.time() + self._request_s
         try:
             async with asyncio.timeout_at(self._deadline):
                 message = await self._receive()
         except TimeoutError as error:
-            msg = f"the body did not arrive within {self._limits.request_s:g} s"
+            msg = f"the body did not arrive within {self._request_s:g} s"
             raise HTTPException(408, msg, {"Connection": "close"}) from error
         self._bytes += len(message.get("body", b""))
         self._complete = not message.get("more_body", False)
-        if self._bytes > self._limits.body_bytes:
-            raise HTTPException(413, _too_large_message(self._limits), {"Connection": "close"})
+        if self._bytes > self._most_bytes:
+            message_words = _too_large_message(self._most_bytes)
+            raise HTTPException(413, message_words, {"Connection": "close"})
         return message

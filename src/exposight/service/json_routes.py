@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
@@ -11,6 +11,13 @@ from starlette.exceptions import HTTPException
 
 from exposight.errors import FormatError
 from exposight.files import parse_json
+from exposight.service.computing import Computing
+from exposight.service.guard import Limits
+
+_SMALL_BYTES = 64_000
+"""Bodies up to here are parsed at once."""
+
+_Parsed = TypeVar("_Parsed")
 
 
 class StrictRequest(Request):
@@ -24,11 +31,28 @@ class StrictRequest(Request):
         HTTPException
             422 if it is none.
         """
-        return parsed_body(await self.body())
+        state = self.app.state
+        return await beside(state.computing, parsed_body, await self.body(), state.limits)
 
 
-def parsed_body(body: bytes) -> dict[str, Any]:
+async def beside(
+    computing: Computing, parse: Callable[[bytes, Limits], _Parsed], body: bytes, limits: Limits
+) -> _Parsed:
+    """Parse a body; the server's loop does not wait for one that takes longer."""
+    if len(body) <= _SMALL_BYTES:
+        return parse(body, limits)
+    return await computing.run(parse, body, limits)
+
+
+def parsed_body(body: bytes, limits: Limits) -> dict[str, Any]:
     """Return the object in a body, or raise an `HTTPException` that says why it is none."""
+    n_values, n_objects = body.count(b","), body.count(b"{") + body.count(b"[")
+    if n_values > limits.json_values or n_objects > limits.json_objects:
+        msg = (
+            f"the body has more than {limits.json_values} values, or {limits.json_objects} objects "
+            "and lists, which are the most that are taken"
+        )
+        raise HTTPException(413, msg)
     try:
         return parse_json(body.decode("utf-8"), "the body")
     except UnicodeDecodeError as error:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import polars as pl
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 from exposight import cell
 from exposight.cell.capture import write_capture
@@ -33,7 +34,24 @@ from exposight.service.uploads import (
 LOOPS = "loops"
 """Folder in the served one that holds the states of loops."""
 
+_MOST_COLUMNS = 200
+
+
+def _few_columns(row: Any) -> Any:
+    """Refuse a row with many columns, before each of them is looked at."""
+    if isinstance(row, dict) and len(row) > _MOST_COLUMNS:
+        kind, words = "too_many_columns", "a row has up to {most} columns"
+        raise PydanticCustomError(kind, words, {"most": _MOST_COLUMNS})
+    return row
+
+
+_Row = Annotated[dict[str, str | float | bool | None], BeforeValidator(_few_columns)]
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,99}\Z")
+
+
+_OF_CAPTURES = set(CaptureAbout.model_fields)
+"""Keys that tell of an uploaded capture."""
 
 
 class NextQuestion(PartAndSensor, CaptureAbout):
@@ -61,10 +79,11 @@ class NextQuestion(PartAndSensor, CaptureAbout):
         description="Campaigns, captures' folders or observation tables in the served folder that "
         "were taken since.",
     )
-    observations: list[dict[str, str | float | bool | None]] | None = Field(
+    observations: list[_Row] | None = Field(
         default=None,
         min_length=1,
         max_length=10_000,
+        fail_fast=True,
         description="Rows of an observation table, as /v1/observe returns them.",
     )
     unit: Unit | None = Field(default=None, description="Unit of set_value; the plan's by default.")
@@ -73,6 +92,12 @@ class NextQuestion(PartAndSensor, CaptureAbout):
         """Take note of captures, and return what to capture next."""
         if not _NAME.match(self.loop):
             msg = f"a loop's name has letters, digits, . _ - and blanks, got {self.loop[:110]!r}"
+            raise InputError(msg)
+        if upload is None and (extra := sorted(_OF_CAPTURES & self.model_fields_set)):
+            msg = (
+                f"{', '.join(extra)} is of a capture, whose image and cloud are missing: send them "
+                "as files of a multipart request"
+            )
             raise InputError(msg)
         path = folder.new(f"{LOOPS}/{self.loop}.json", "loop")
         state = self._first_state(path, folder, limits)

@@ -78,6 +78,7 @@ class ForecastQuestion(Viewed):
     exposures_ms: list[float] | None = Field(
         default=None,
         min_length=1,
+        max_length=10_000,
         description="Exposure times to look at, ms; settings from too short to too long for all "
         "features by default.",
         examples=[[5.0, 10.0, 20.0]],

@@ -29,6 +29,10 @@ _MOST_ABOUT = 4_000_000
 """Bytes of the part that describes an upload."""
 
 
+_OF_CLOUDS = ("cloud_unit", "cloud_axes", "depth_scale_mm")
+"""Keys of `FileForm` about clouds in files that do not tell it."""
+
+
 class FileForm(Body):
     """What files of captures do not tell themselves."""
 
@@ -90,8 +94,8 @@ async def uploaded(request: Request) -> AsyncIterator[Upload]:
 
     Raises
     ------
-    RequestError
-        422 if a part is missing, or there is another.
+    InputError
+        If a part is missing, or there is another.
     """
     async with request.form(max_files=2, max_fields=1, max_part_size=_MOST_ABOUT) as form:
         yield Upload(_about(form), _file(form, "image"), _file(form, "cloud"))
@@ -101,7 +105,7 @@ def _about(form: FormData) -> bytes:
     given = form.get("about")
     if not isinstance(given, str):
         msg = "the part 'about' is missing: a JSON object with what the files do not tell"
-        raise RequestError(422, msg)
+        raise InputError(msg)
     return given.encode("utf-8", "surrogatepass")
 
 
@@ -109,7 +113,7 @@ def _file(form: FormData, name: str) -> UploadFile:
     given = form.get(name)
     if not isinstance(given, UploadFile):
         msg = f"the part {name!r} is missing: send the capture's {name} as a file"
-        raise RequestError(422, msg)
+        raise InputError(msg)
     return given
 
 
@@ -141,7 +145,7 @@ def read_upload(
         _check_pixels(path, limits)
     return {
         "image": form.image(image),
-        "cloud": _packed_cloud(cloud, limits)
+        "cloud": _packed_cloud(cloud, about.files, limits)
         if cloud.suffix.lower() == ".npz"
         else form.cloud(cloud, sensor),
         "bit_depth": form.bit_depth,
@@ -172,8 +176,15 @@ def _written(file: UploadFile, folder: Path, name: str) -> Path:
     return path
 
 
-def _packed_cloud(path: Path, limits: Limits) -> cell.Cloud:
+def _packed_cloud(path: Path, form: FileForm, limits: Limits) -> cell.Cloud:
     """Read a cloud as campaigns' folders hold it, in which a missing point costs a bit."""
+    given = [name for name in _OF_CLOUDS if getattr(form, name) is not None]
+    if given:
+        msg = (
+            f"files.{given[0]} is not for NPZ clouds: as campaigns hold them, in mm and in the "
+            "camera's axes; leave it out, or send another format"
+        )
+        raise InputError(msg)
     data = read_bytes(path, "cloud")
     arrays = read_arrays(data, path, "cloud of a capture", most_bytes=len(data))
     points = arrays["valid"].size * 8 if "valid" in arrays else 0

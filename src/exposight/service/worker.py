@@ -13,6 +13,7 @@ from typing import Any
 import uvicorn
 
 from exposight.service.app import create_app
+from exposight.service.limited_protocol import limited_protocol
 from exposight.service.settings import ServerSettings
 
 READY, CLOSED = b"r", b"x"
@@ -121,6 +122,7 @@ def _config(settings: ServerSettings) -> uvicorn.Config:
         access_log=False,
         log_level="warning",
         lifespan="on",
+        http=limited_protocol(),
         ws="none",
         proxy_headers=False,
         server_header=False,
