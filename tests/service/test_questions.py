@@ -180,12 +180,12 @@ def test_a_matrix_that_is_no_pose(client, rows):
     ],
 )
 def test_a_plan_is_not_written_where_it_would_hide_or_change_something(served, asking, name):
-    before = {path for path in served.rglob("*")}
+    before = set(served.rglob("*"))
     with asking(served) as client:
         got = client.post("/v1/plan", json={**ABOUT, "save_as": name})
         assert got.status_code == 422, got.text
         assert client.get("/v1/health").json()["serves"]["campaigns"] == 1
-    assert {path for path in served.rglob("*")} == before
+    assert set(served.rglob("*")) == before
 
 
 def test_a_plan_that_fails_leaves_no_folder(served, asking):
