@@ -12,8 +12,7 @@ MOST_HEADER_BYTES = 64 * 1024
 def limited_protocol() -> type[asyncio.Protocol] | str:
     """Return what uvicorn reads requests with.
 
-    Its reader in Python, h11, has such a limit itself. The one in C, httptools, has none, and takes
-    half the time.
+    Its reader in Python, h11, has such a limit itself; the one in C, httptools, has none.
     """
     try:
         from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
