@@ -30,12 +30,18 @@ from exposight.models import (
     save_model,
 )
 from exposight.observing import ObservationTable, View, Visibility
+from exposight.planning.capture_chances import CaptureChances
 from exposight.planning.chain import ChainedQuality, chained_forecast
 from exposight.planning.exposure_limits import CaptureCosts, ExposureLimits, limits_from
 from exposight.planning.forecasts import Forecast, check_forecast
 from exposight.planning.model_scores import ModelScores
 from exposight.planning.path_search import Prefer
-from exposight.planning.recommendation import CONFIDENCE, Recommendation, check_confidence
+from exposight.planning.recommendation import (
+    CONFIDENCE,
+    Recommendation,
+    check_confidence,
+    recommend,
+)
 from exposight.quantities import quantity
 from exposight.tables import Column, Table, counted
 
@@ -154,20 +160,10 @@ class SensorModels:
         ObservationError
             If the view is of another sensor or TCP than was learnt, or the trial has no row of it.
         """
-        poses = view.poses
-        check_forecast(poses, exposures_ms)
-        if exposures_ms is not None:
-            exposures_ms = tuple(dict.fromkeys(map(float, exposures_ms)))
-            if self.sensor is not None:
-                exposures_ms = tuple(map(self.sensor.check_exposure, exposures_ms))
         if isinstance(self.quality, WindowModel):
-            if trial is not None and not view.name:
-                poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
-            times_ms = (1.0,) if exposures_ms is None else exposures_ms  # until rings are known
-            rings = self.quality.forecast(poses, times_ms, trial=trial, need=need, correct=correct)
-            if exposures_ms is None:
-                rings = rings.at(self._times_of(rings))
-            return Forecast.of(rings, poses["feature"].to_list(), self.limits, self.target)
+            rings = self._rings(self.quality, view, exposures_ms, trial, need, correct)
+            return Forecast.of(rings, view.poses["feature"].to_list(), self.limits, self.target)
+        poses, exposures_ms = view.poses, self._checked(view, exposures_ms)
         if trial is not None:
             msg = (
                 f"{self.quality.name} and {self.exposure.name} cannot learn from a trial capture; "
@@ -183,6 +179,33 @@ class SensorModels:
             raise SensorError(msg)
         times_ms = self._usual_exposures_ms() if exposures_ms is None else exposures_ms
         return chained_forecast(self.quality, self.exposure, poses, times_ms, need)
+
+    def _checked(
+        self, view: View, exposures_ms: Sequence[float] | None
+    ) -> tuple[float, ...] | None:
+        """Return the exposure times to look at, each once, that the sensor can take."""
+        check_forecast(view.poses, exposures_ms)
+        if exposures_ms is None:
+            return None
+        times_ms = tuple(dict.fromkeys(map(float, exposures_ms)))
+        return times_ms if self.sensor is None else tuple(map(self.sensor.check_exposure, times_ms))
+
+    def _rings(
+        self,
+        quality: WindowModel,
+        view: View,
+        exposures_ms: Sequence[float] | None,
+        trial: ObservationTable | None,
+        need: float,
+        correct: bool,
+    ) -> RingForecast:
+        """Return what the default models say of a view's rings (`forecast`)."""
+        poses, checked_ms = view.poses, self._checked(view, exposures_ms)
+        if trial is not None and not view.name:
+            poses = poses.with_columns(pl.lit(_only_view(trial)).alias("view"))
+        times_ms = checked_ms or (1.0,)  # until rings are known
+        rings = quality.forecast(poses, times_ms, trial=trial, need=need, correct=correct)
+        return rings if checked_ms is not None else rings.at(self._times_of(rings))
 
     @cached_property
     def limits(self) -> ExposureLimits | None:
@@ -226,21 +249,34 @@ class SensorModels:
             need = P_NORM_MIN
         elif need is None:
             need = self.forecast(view, trial=trial, need=0.0, correct=True).attainable(confidence)
-        times: Sequence[float] | None = None
-        if limits is not None and not isinstance(self.quality, WindowModel):
-            usual = self._usual_exposures_ms()
-            times = limits.settings(min(usual), max(usual), _EXPOSURES).tolist()
-            if not times:
-                msg = f"limits leave nothing: {limits.why_none(min(usual), max(usual))}"
-                raise InputError(msg)
-        elif limits is not None:
-            times = (min(max(1.0, limits.min_ms), limits.max_ms),)  # windows say which are of use
-        forecast = self.forecast(view, times, trial=trial, need=need, correct=True)
         hidden = {
             each.feature.name: each.visibility.value
             for each in view.features
             if each.visibility is not Visibility.VISIBLE
         }
+        if limits is not None and isinstance(self.quality, WindowModel):
+            first = (min(max(1.0, limits.min_ms), limits.max_ms),)  # windows say which are of use
+            rings = self._rings(self.quality, view, first, trial, need, correct=True)
+            features = view.poses["feature"].to_list()
+            return recommend(
+                CaptureChances.within(rings, limits, view=view.name, features=features),
+                limits,
+                costs,
+                confidence=confidence,
+                prefer=prefer,
+                hidden=hidden,
+                remarks=rings.remarks,
+                target=self.target,
+                at_most=rings.window.sign < 0.0,
+            )
+        times: Sequence[float] | None = None
+        if limits is not None:
+            usual = self._usual_exposures_ms()
+            times = limits.settings(min(usual), max(usual), _EXPOSURES).tolist()
+            if not times:
+                msg = f"limits leave nothing: {limits.why_none(min(usual), max(usual))}"
+                raise InputError(msg)
+        forecast = self.forecast(view, times, trial=trial, need=need, correct=True)
         return forecast.recommend(
             limits, costs, confidence=confidence, prefer=prefer, view=view.name, hidden=hidden
         )
